@@ -1,4 +1,4 @@
-"""Run the notebooks: on the reference results they are committed with, or on a run of your own, into a new file.
+"""Execute the notebooks: on the reference results that they are committed with, or on a run of yours, into a new file.
 
 `python -m replicate.report.notebooks table2 laptop` executes notebooks/table2.ipynb on results/runs/laptop and writes
 results/runs/laptop/table2.ipynb. With "reference" the committed notebook itself is refreshed.
@@ -41,12 +41,12 @@ METADATA = {
 
 
 def folder_of(name: str) -> Path:
-    """Return the folder of the reference results, or of your run with the profile of that name."""
+    """Return the folder of the committed results of a name, "reference", or of your run with that profile."""
     return committed_folders().get(name) or run_folder(name)
 
 
 def open_table(name: str, target: str) -> list[Row]:
-    """Read the rows of another table, "table1", from `results_folder`. Raises InputError where there is none."""
+    """Read the rows of another table, "table1", from `folder_of(name)`. Raises InputError if there is none."""
     file = folder_of(name) / f"{target}.csv"
     if not file.is_file():
         raise InputError(f"{file}: there is no such results file; `make {command_of(target)}` writes it.")
@@ -54,16 +54,16 @@ def open_table(name: str, target: str) -> list[Row]:
 
 
 def rows_if_there(name: str, file: str) -> list[Row]:
-    """Read the rows of another file, "rig_report.csv", from `results_folder`; none where it isn't there."""
+    """Read the rows of another file, "rig_report.csv", from `folder_of(name)`; none if it is missing."""
     path = folder_of(name) / file
     return read_results(path) if path.is_file() else []
 
 
 def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[Path]]:
-    """Return, by character, the pictures of a figure, "figure05" …, that the manifest in `results_folder` names.
+    """Return, by character, the pictures of a figure, "figure05" …, that the manifest in `folder_of(name)` names.
 
-    needed: False for a figure that a run may lack. Raises InputError, with the target that makes them, where there are
-    none or one is gone.
+    needed: False for a figure that a run may lack. Raises InputError, with the command that draws them, if there are
+    none or one is missing.
     """
     folder = folder_of(name)
     if not needed and target not in targets(folder):
@@ -78,9 +78,9 @@ def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[
 
 
 def show_table(table: Table, folded: bool = False) -> None:
-    """Show a printed table in a notebook: as HTML, and as Markdown where no HTML is shown, as in a PDF.
+    """Show a table in a notebook: as HTML, and as Markdown where no HTML is shown, as in a PDF.
 
-    folded: its title alone, until a reader clicks it.
+    folded: show the title alone until a reader clicks it.
     """
     from IPython.display import display
 
@@ -88,9 +88,9 @@ def show_table(table: Table, folded: bool = False) -> None:
 
 
 def show_tables(tables: Iterable[Table | None]) -> None:
-    """Show tables of one kind, as of each character: the first as it is, the others folded; None is no table.
+    """Show tables of one kind, say one for each character: the first as it is, the others folded; None is skipped.
 
-    What the notes of the first say is not said again.
+    Notes of the first table are not repeated.
     """
     first, *others = [table for table in tables if table] or [None]
     if first:
@@ -101,23 +101,23 @@ def show_tables(tables: Iterable[Table | None]) -> None:
 
 
 def show(figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = LARGEST_BYTES) -> None:
-    """Show a figure in a notebook, with its alt text and its caption. largest_bytes: as for `panels.png`."""
+    """Show a figure in a notebook with its alt text and caption. largest_bytes: as for `panels.png`."""
     from IPython.display import Image, Markdown, display
 
     display(Image(png(figure, words, largest_bytes), alt=words.alt), Markdown(f"*{plain_markdown(words.caption)}*"))
 
 
 def show_text(text: str) -> None:
-    """Show a sentence of our own in a notebook, in Markdown."""
+    """Show a text of ours in a notebook, as Markdown."""
     from IPython.display import Markdown, display
 
     display(Markdown(text))
 
 
 def show_picture(file: Path, largest_bytes: int | None = None) -> None:
-    """Show a saved figure in a notebook, with its alt text and its caption, which stand beside it as JSON.
+    """Show a saved figure in a notebook with its alt text and caption, which are in a JSON file beside it.
 
-    largest_bytes: a larger picture is shown in fewer colours, on pages of many pictures.
+    largest_bytes: a larger picture is shown in fewer colours, for pages of many pictures.
     """
     from IPython.display import Image, Markdown, display
 
@@ -130,22 +130,26 @@ def show_picture(file: Path, largest_bytes: int | None = None) -> None:
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
     """Execute a notebook with other values for its parameters, and write it, byte for byte the same each time.
 
-    parameters: name → value; each must be assigned in the first cell that holds code. stamp: stored in the metadata.
-    What cells write to stderr goes to ours. Raises InputError where a cell does, RunError where the kernel dies, and
-    what nbclient raises for a cell that fails otherwise; `out` is then left as it was.
+    What cells write to stderr goes to ours. Raises InputError if a cell does, RunError if the kernel dies, and what
+    nbclient raises for a cell that fails otherwise; `out` then stays as it was.
+
+    parameters: name → value; each name must be assigned in the first code cell
+    stamp: stored in the metadata
     """
     import nbformat
     from jupyter_client.manager import AsyncKernelManager
     from nbclient import NotebookClient
     from nbclient.exceptions import CellExecutionError, DeadKernelError
 
+    # the notebook with its parameters and without outputs
     notebook = nbformat.read(source, as_version=4)
     first = next(cell for cell in notebook.cells if cell.cell_type == "code")
     first.source = with_parameters(first.source, parameters)
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.outputs, cell.execution_count = [], None
-    with short_temporary_folder() as folder:  # nothing of the user's is read or written
+    # a kernel that reads and writes no settings of the user's
+    with short_temporary_folder() as folder:
         sockets = {"transport": "ipc", "ip": f"{folder}/kernel", "connection_file": f"{folder}/kernel.json"}
         client = NotebookClient(
             notebook,
@@ -165,6 +169,7 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
             raise RunError(
                 f"{source}: its kernel was killed, probably because memory ran out; run the same command again"
             ) from None
+    # the same bytes each time
     notebook.metadata = nbformat.from_dict(METADATA | ({"replicate": {"stamp": stamp}} if stamp else {}))
     for cell in notebook.cells:
         if cell.cell_type == "code":
@@ -173,19 +178,19 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
 
 
 def with_parameters(source: str, parameters: dict[str, object]) -> str:
-    """Return a cell's source with other values assigned to some names; comments after the values stay."""
+    """Return a cell's source with other values assigned to some names; comments after them stay."""
     lines = source.split("\n")
     for name, value in parameters.items():
         places = [k for k, line in enumerate(lines) if line.startswith(f"{name} = ")]
         if len(places) != 1:
-            raise InputError(f"the notebook's first code assigns {name} {len(places)} times, where once is allowed.")
+            raise InputError(f"expected the notebook's first code to assign {name} once, got {len(places)} times.")
         _, hash_, comment = lines[places[0]].partition("  # ")
         lines[places[0]] = f"{name} = {json.dumps(value)}{hash_}{comment}"
     return "\n".join(lines)
 
 
 def _stable(outputs: list) -> list:
-    """Join what was printed in several pieces; pass stderr on to ours; number no outputs; leave widgets out."""
+    """Join pieces of printed text, pass stderr on to ours, and leave widgets out, so that outputs repeat exactly."""
     merged: list = []
     for output in outputs:
         if output.output_type == "stream" and output.name == "stderr":
@@ -193,21 +198,21 @@ def _stable(outputs: list) -> list:
         elif output.output_type == "stream" and merged and merged[-1].output_type == "stream":
             merged[-1].text += output.text
         elif WIDGET in output.get("data", {}):
-            continue  # it has another name each time, and shows nothing without a kernel
+            continue  # a widget's name changes each time, and it shows nothing without a kernel
         else:
             merged.append(output)
     return merged
 
 
 def run_notebook(name: str, results: str, **parameters: object) -> Path:
-    """Execute one of the notebooks on some results, unless that has been done, and return the file written.
+    """Execute one of the notebooks on some results, unless that was done already, and return its file.
 
-    parameters: more values for the first cell that holds code.
+    results: "reference", or the profile of a run. parameters: more values for the first code cell.
     """
     source = NOTEBOOKS / f"{name}.ipynb"
     if not source.is_file():
         choices = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
-        raise InputError(f"{source}: there is no such notebook; allowed are {choices}.")
+        raise InputError(f"{source}: there is no such notebook; there are {choices}.")
     if results == "reference":
         execute(source, source, {"RESULTS": results, **parameters})
         return source
@@ -218,17 +223,17 @@ def run_notebook(name: str, results: str, **parameters: object) -> Path:
 
 
 def is_current(name: str, results: str, **parameters: object) -> bool:
-    """Return whether `run_notebook` has been done on these results of yours, as they are now."""
+    """Return whether `run_notebook` was done on these results of yours as they are now."""
     source, out = NOTEBOOKS / f"{name}.ipynb", folder_of(results) / f"{name}.ipynb"
     stamp = _stamp(source, out.parent, parameters)
     return out.is_file() and stamp in out.read_text(encoding="utf-8", errors="replace")
 
 
 def _stamp(source: Path, folder: Path, parameters: dict) -> str:
-    """Return a hash of what a notebook's outputs depend on: its cells, the code that they reach, and what they read.
+    """Return a hash of all that a notebook's outputs depend on: its cells, the code that they reach, and the results.
 
-    Results are those of the notebook's name in the folder, and what its cells name, there or committed. What the
-    manifest says of it counts as one of them: the notebook says where its numbers come from.
+    These are the folder's files that begin with the notebook's name, the CSV files that its cells name, there and among
+    the committed results, and its entry in the manifest, since it says where its numbers come from.
     """
     cells = json.loads(source.read_text(encoding="utf-8"))["cells"]
     code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
@@ -260,32 +265,32 @@ if __name__ == "__main__":
 
 # Where the results on a page come from, in words: commits, commands, seeds, machine, versions and times.
 
-COMMIT_LENGTH = 12  # hexadecimal digits by which pages name a commit; manifests have all
-LINE = 104  # characters that a page 1,000 px wide has room for
-FEW_STAGES = 4  # pages name no more of them than that
+COMMIT_LENGTH = 12  # hexadecimal digits of a commit on pages; manifests have all
+LINE = 104  # characters in a line of a page 1,000 px wide
+FEW_STAGES = 4  # pages name at most so many stages
 
 
 def provenance_text(name: str, target: str = "table2") -> str:
-    """Return where the results of a target come from, from the manifest beside them.
+    """Return where the results of a target come from, by the manifest beside them.
 
-    What characters share stands once; where they differ, a line says whose it is.
+    Facts that all characters share appear once; other lines name their characters.
     """
     folder = folder_of(name)
     manifest, lines = section(folder, target), {"results": display_path(folder)}
     entries = manifest.get("characters") or {"": {}}
     characters = {character: entries[character] for character in sorted(entries, key=order_of)}
     whose: dict[tuple[str, str], list[str]] = {}
-    for character, own in characters.items():
-        for fact in _facts_in_words({**manifest, **own}).items():
+    for character, facts in characters.items():
+        for fact in _facts_in_words({**manifest, **facts}).items():
             whose.setdefault(fact, []).append(character)
     shared = [fact for fact, of in whose.items() if len(of) == len(characters)]
-    own = sorted(whose.keys() - set(shared), key=list(whose).index)
-    lines |= dict(shared) | {f"{label}, {' '.join(whose[label, value])}": value for label, value in own}
+    others = [fact for fact in whose if fact not in shared]
+    lines |= dict(shared) | {f"{label}, {' '.join(whose[label, value])}": value for label, value in others}
     return as_lines({label: _in_lines(value) for label, value in lines.items()})
 
 
 def _in_lines(value: str) -> str:
-    """Return a value in lines that a page does not break, each continued further in."""
+    """Wrap a value into lines that fit a page, with an indent for continued ones."""
     room = {"width": LINE - LABELS, "subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
     return "\n".join(part for line in value.split("\n") for part in textwrap.wrap(line, **room))
 
@@ -298,7 +303,7 @@ def _facts_in_words(facts: dict) -> dict[str, str]:
         **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
     }
     pictures = {"pictures drawn anew": _commits(drawn)} if (drawn := facts.get(DRAWN)) else {}
-    if POSES in facts:  # all else is Table 2's
+    if POSES in facts:  # Table 2's entry has the other facts
         return {"numbers from": f"{facts[POSES]} of Table 2's run {facts['run']}", **settings, **pictures}
     gpu = facts.get("gpu") or next((stage["gpu"] for stage in stages if stage.get("gpu")), "none")
     return {
@@ -314,16 +319,13 @@ def _facts_in_words(facts: dict) -> dict[str, str]:
 
 
 def _elsewhere(facts: dict) -> str:
-    """Return how many stages were made with other versions or on other processors than the run itself, and which.
-
-    Stages are named while they are few; the manifest names them all.
-    """
+    """Return which stages, or how many, were made with other versions or on other processors than the run's."""
     titles: dict[str, list[str]] = {}
     for title, stage in (facts.get("stages") or {}).items():
-        own = {name: stage[name] for name in ("python", "processor", "instruction_set") if name in stage}
-        own |= stage.get("packages", {})
-        if own:
-            titles.setdefault(", ".join(f"{name} {value}" for name, value in own.items()), []).append(title)
+        differing = {name: stage[name] for name in ("python", "processor", "instruction_set") if name in stage}
+        differing |= stage.get("packages", {})
+        if differing:
+            titles.setdefault(", ".join(f"{name} {value}" for name, value in differing.items()), []).append(title)
     return "\n".join(
         f"{how}: {', '.join(names) if len(names) <= FEW_STAGES else f'{len(names)} stages'}"
         for how, names in titles.items()
@@ -331,7 +333,7 @@ def _elsewhere(facts: dict) -> str:
 
 
 def _commits(git: dict | None) -> str:
-    """Return the commits that stages were made from, the table's own first, and whether their trees were clean."""
+    """Return the commits that stages were made from, the table's first, and whether their trees had changes."""
     if not git:
         return "unknown"
     names = [name[:COMMIT_LENGTH] for name in dict.fromkeys([git["commit"], *git.get("commits", ())])]

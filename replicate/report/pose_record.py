@@ -1,4 +1,4 @@
-"""A test pose as every method predicts it: chosen by a rule, and stored so small that it can be committed.
+"""Test poses with every method's prediction, in files that are small enough to be committed.
 
 Figures and notebooks read these files, so they need neither a cache nor a trained network.
 """
@@ -31,12 +31,18 @@ CHOICES = (FOLDED, *typical_poses.CHOICES)
 class PoseRecord:
     """A test pose of one character.
 
-    pose: its index among the test poses. neutral: (n, 3) mm; faces: (f, 3). vertices: "truth" and each method's label →
-    (n, 3) float32 mm. props: (name, vertices (k, 3), faces (g, 3), colour), for display only; the colour is (k, 3)
-    uint8, one for each vertex, as `rig.pose_props` gives it, or one RGB, which is brought to 0–255.
-    choice: the rule that chose the pose, one of `CHOICES`: the forehead folds most, the median or the largest of the
-    mean normal errors of one method, `ranked_by`. region_names, region: the regions of the face, top to bottom, and the
-    index of each mesh face's (f,), as `face_regions` gives them; without them no mesh face has a region.
+    character: its name in results
+    pose: its index among the test poses
+    neutral: the neutral mesh, (n, 3), mm
+    faces: its triangles, (f, 3)
+    vertices: "truth" and each method's name → (n, 3) float32, mm
+    props: (name, vertices (k, 3), faces (g, 3), colour) for display only; the colour is (k, 3) uint8 for the vertices,
+        as in `rig.pose_props`, or one RGB, which is converted to 0–255
+    choice: the rule that chose the pose, one of `CHOICES`: the forehead folds most, or the mean normal error of the
+        method `ranked_by` is the median or the largest
+    ranked_by: that method, or ""
+    region_names: the regions of the face, top to bottom, from `face_regions`
+    region: each mesh face's index into them, (f,); by default no face has a region
     """
 
     character: str
@@ -61,12 +67,12 @@ class PoseRecord:
 
 
 def pose_file(folder: Path, character: str, choice: str = FOLDED) -> Path:
-    """Return where a folder of results keeps the test pose that one of the rules, `CHOICES`, chose."""
+    """Return the file in a folder of results for the test pose that a rule of `CHOICES` chose."""
     return folder / f"table2_{character}_pose{'' if choice == FOLDED else f'_{choice}'}.npz"
 
 
 def save_pose(path: Path, record: PoseRecord) -> None:
-    """Write a record as npz: offsets as int16 with a step of a 65,534th of their range (about a micrometre)."""
+    """Write a record as npz. Offsets are int16 in steps of a 65,534th of their range, about a micrometre."""
     facts = {"character": record.character, "pose": record.pose, "labels": list(record.vertices), "props": []}
     facts |= {"choice": record.choice, "ranked_by": record.ranked_by, "regions": list(record.region_names)}
     arrays = {"neutral": record.neutral.astype(np.float32), "faces": record.faces.astype(np.int32)}
@@ -86,7 +92,7 @@ def save_pose(path: Path, record: PoseRecord) -> None:
 
 
 def load_pose(path: Path) -> PoseRecord:
-    """Read what `save_pose` wrote. Raises InputError, naming the file, for anything else."""
+    """Read a file of `save_pose`. Raises InputError, naming the file, for anything else."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             facts = json.loads(bytes(stored["facts"]))
@@ -105,26 +111,26 @@ def load_pose(path: Path) -> PoseRecord:
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such pose; `make table2` makes it.") from None
     except (ValueError, KeyError, OSError, EOFError, BadZipFile) as error:
-        raise InputError(f"{path}: found no pose as `make table2` writes it ({error}).") from None
+        raise InputError(f"{path}: expected a pose as `make table2` writes it ({error}).") from None
     vertices = dict(zip(facts["labels"], neutral + offsets, strict=True))
     return PoseRecord(facts["character"], facts["pose"], neutral, faces, vertices, props, *rule, region)
 
 
-# How far a method is off in one recorded pose: over the whole mesh, and region by region of the face.
+# A method's errors in one pose: over the whole mesh, and in each region of the face.
 
-WHOLE = "whole mesh"  # what the mean over the whole mesh is called beside those of regions
+WHOLE = "whole mesh"  # the name of the mean over the whole mesh beside those of regions
 
 
 def normal_means_deg(record: PoseRecord, method: str) -> dict[str, float]:
     """Return the mean normal error (Eq. 11) of a method in degrees, over the whole mesh and over each region.
 
-    A region whose mesh faces have no normal gives NaN.
+    It is NaN for a region whose mesh faces have no normals.
     """
     errors = normal_error(record.vertices[method], record.vertices[TRUTH], record.faces)
     means = {WHOLE: float(np.nanmean(errors))}
     for k, name in enumerate(record.region_names):
-        own = errors[record.region == k]
-        means[name] = float(np.nanmean(own)) if np.isfinite(own).any() else float("nan")
+        inside = errors[record.region == k]
+        means[name] = float(np.nanmean(inside)) if np.isfinite(inside).any() else float("nan")
     return means
 
 
@@ -133,27 +139,27 @@ def vertex_mean_mm(record: PoseRecord, method: str) -> float:
     return float(vertex_error(record.vertices[method], record.vertices[TRUTH]).mean())
 
 
-# How figures name what they show: a method's title, or the ground truth; and by which rule a pose was chosen.
+# Names in figures: a method's title, or the ground truth; and the rule that chose a pose.
 
 
 def panel_title(method: str) -> str:
-    """Return a method's title, with the mark of its note, or that of the truth."""
+    """Return a method's title with the mark of its note, or the truth's title."""
     return "Ground truth" if method == TRUTH else method_named(method).title
 
 
 def plain_name(method: str) -> str:
-    """Return the same without the mark."""
+    """Return `panel_title` without the mark."""
     return "Ground truth" if method == TRUTH else method_named(method).label
 
 
 def marks_in_words(methods: Iterable[str]) -> str:
-    """Return the notes of the marks that some methods' titles have, each once, as sentences."""
+    """Return the notes of the marks in some methods' titles, each once, as sentences."""
     notes = [method_named(name) for name in in_order(set(methods) - {TRUTH})]
     return " ".join(dict.fromkeys(f"{method.mark} {method.note}" for method in notes if method.mark))
 
 
 def pose_in_words(record: PoseRecord) -> str:
-    """Return which test pose a record holds, whose, and by which rule it was chosen."""
+    """Return a record's test pose, its character, and the rule that chose it, in words."""
     rules = {
         FOLDED: "the one whose forehead folds most",
         MEDIAN: f"the median of the mean normal errors of “{plain_name(record.ranked_by)}”",
@@ -162,21 +168,21 @@ def pose_in_words(record: PoseRecord) -> str:
     return f"test pose {record.pose} of {record.character}, {rules[record.choice]}"
 
 
-# What a method has of a pose, as surfaces in clay: its skin, and brows and eyeballs with it; and the view of them.
+# A method's prediction as surfaces in clay, the skin with brows and eyeballs, and cameras to draw them with.
 
 
 def clay_surfaces(record: PoseRecord, method: str) -> list[Surface]:
-    """Return the surfaces of a pose as one of the record's methods has it."""
+    """Return the surfaces of a pose as one of the record's methods predicts it."""
     vertices = record.vertices[method]
     props = carry_props(record.props, record.vertices[TRUTH], vertices)
     return [Surface(vertices, record.faces), *prop_surfaces(props)]
 
 
 def view_of(record: PoseRecord, camera: str, aspect: float) -> Camera:
-    """Return a named camera for the panels of a pose, whose width is so many times their height.
+    """Return a named camera for the panels of a pose. aspect: a panel's width over its height.
 
-    From the front the whole head fills the panel, wherever the pose has moved it; the camera on the forehead follows
-    that. Other views are fixed.
+    From the front the whole head fills the panel, wherever the pose has moved it; the forehead's camera follows the
+    forehead. Other views are fixed.
     """
     if camera == "forehead":
         return forehead_camera(record.neutral, record.faces, record.vertices[TRUTH])
@@ -184,21 +190,18 @@ def view_of(record: PoseRecord, camera: str, aspect: float) -> Camera:
     return frame_surfaces(view, clay_surfaces(record, TRUTH), aspect) if camera == "front" else view
 
 
-# How captions name a character whose segments they show: with the charts that its face lies in.
-
-
 def with_layout(character: str, segment_names: Sequence[str]) -> str:
-    """Return a character's name as results have it and in how many charts its face lies: "teen (face in 4 charts)".
+    """Return a character's name with the number of charts that its face lies in: "teen (face in 4 charts)".
 
-    segment_names: those of its mesh; charts of the face are called face, or face_1, face_2 … (D21). The name alone
-    where there are none.
+    segment_names: those of its mesh; charts of the face are called face, or face_1, face_2 … (D21). Without such charts
+    the name stands alone.
     """
     charts = sum(bool(re.fullmatch(r"face(_\d+)?", name)) for name in segment_names)
     layout = {0: "", 1: " (face in one chart)"}.get(charts, f" (face in {charts} charts)")
     return character + layout
 
 
-# Which methods Figures 1 and 9 show beside the truth, in their order.
+# The methods that Figures 1 and 9 show after the truth, in order.
 
 FIGURE01 = ("refined", "regional", "lbs32")
 FIGURE09 = ("refined", "regional", "lbs32", "coarse", "floor_refined")

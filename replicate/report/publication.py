@@ -1,4 +1,4 @@
-"""From finished artefacts to a folder of results: results/runs/<profile>/, beside what other characters have there."""
+"""Copy finished artefacts into a folder of results, results/runs/<profile>/, next to those of other characters."""
 
 import contextlib
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class CharacterResult:
-    """A character's configuration, and the stage whose artefact is its result."""
+    """A character's configuration, and the stage whose artefact is the result."""
 
     config: Config
     stage: Stage
@@ -32,7 +32,7 @@ class CharacterResult:
 
 
 def results_folder(profile: str) -> Path:
-    """Return the folder of a profile's results, which is there then. Raises InputError where it can't be written."""
+    """Create the folder of a profile's results and return it. Raises InputError if it can't be written."""
     folder = paths.run_folder(profile)
     check_writable(folder, "REPLICATE_RESULTS")
     check_lock(_lock(folder))
@@ -40,7 +40,7 @@ def results_folder(profile: str) -> Path:
 
 
 def check_results_folder(profile: str) -> None:
-    """Raise InputError where a profile's results can't be written; nothing is written yet."""
+    """Raise InputError if a profile's results can't be written; write nothing."""
     folder = paths.run_folder(profile)
     check_creatable(folder, "REPLICATE_RESULTS")
     check_lock(_lock(folder))
@@ -49,18 +49,18 @@ def check_results_folder(profile: str) -> None:
 def by_character(results: Sequence[CharacterResult]) -> dict[str, list[CharacterResult]]:
     """Return the results by character: a list over its seeds."""
     groups: dict[str, list[CharacterResult]] = {}
-    for one in results:
-        groups.setdefault(recipe_paths.character_label(one.config.character), []).append(one)
+    for result in results:
+        groups.setdefault(recipe_paths.character_label(result.config.character), []).append(result)
     return groups
 
 
 def facts_of(results: Sequence[CharacterResult], run: str) -> dict:
-    """Return what a manifest says of one character's results; run: the name of the run that they are of."""
-    return manifest.facts_of([one.config for one in results], [one.stage for one in results], run)
+    """Return a manifest's facts about one character's results. run: the name of their run."""
+    return manifest.facts_of([result.config for result in results], [result.stage for result in results], run)
 
 
 def alone(folder: Path) -> contextlib.AbstractContextManager[None]:
-    """Return a context manager that holds the lock of a folder of results, which stands beside it."""
+    """Return a context manager that holds the lock of a folder of results, a file next to it."""
 
     def waiting() -> None:
         print(f"{paths.display_path(folder)}: being written by another process; waiting for it", flush=True)
@@ -73,7 +73,7 @@ def _lock(folder: Path) -> Path:
 
 
 def readable(read: Callable[[Path], T], file: Path) -> T | None:
-    """Return what a file holds, or None if it isn't there or is damaged, in whatever way."""
+    """Return what a file holds, or None if it is missing or damaged in whatever way."""
     try:
         return read(file)
     except Exception:
@@ -100,18 +100,20 @@ def publish_pictures(name: str, results: Sequence[CharacterResult]) -> None:
 def publish_files(
     name: str, results: Sequence[CharacterResult], finish: Callable[[], object] | None = None
 ) -> tuple[Path, dict[str, list[str]]]:
-    """Copy what a target makes of some characters to the profile's folder; return the folder, and each one's files.
+    """Copy a target's files of some characters to the profile's folder; return the folder, and each character's files.
 
-    name: the target's; the artefacts' files are called name_character…. Of several seeds the first is shown. Files of
-    characters that are not among them stay. finish: called when all is there, while nobody else writes there.
+    Of several seeds the first is taken. Files of other characters stay.
+
+    name: the target's name; its files are called name_character…
+    finish: called at the end, while the folder is still locked
     """
     folder, groups = results_folder(results[0].config.profile), by_character(results)
     with alone(folder):
         before = manifest.entries(folder, name)
         facts = {
-            character: own
-            for character, own in before.items()
-            if character not in groups and all((folder / file).is_file() for file in own.get("files", ["?"]))
+            character: entry
+            for character, entry in before.items()
+            if character not in groups and all((folder / file).is_file() for file in entry.get("files", ["?"]))
         }
         for character, (first, *_) in groups.items():
             files = sorted(file for file in first.folder.glob(f"{name}_{character}*") if file.is_file())
@@ -127,7 +129,7 @@ def publish_files(
     return folder, {character: facts[character]["files"] for character in groups}
 
 
-# Rows of some characters' artefacts in one CSV of results, with files beside them and a notebook to read them in.
+# Rows of some characters in one CSV file of results, with other files beside it and a notebook to read them in.
 
 
 def publish_rows(
@@ -137,10 +139,11 @@ def publish_rows(
 ) -> list[Row]:
     """Write a target's rows of some characters to the profile's folder, execute its notebook, return all of its rows.
 
-    name: the target's; artefacts and results have a file name.csv, and beside it files called name_character…, if any.
-    compare: (rows that were there, new rows of a character) → more rows, which are written beside the new ones.
-    Of several seeds the means are written, and the files of the first. Results of characters that are not among them
-    stay, as far as they are whole and of the run that the manifest names.
+    Several seeds are averaged; files are of the first. Results of other characters stay, if they are complete and of
+    the run that the manifest names.
+
+    name: the target's name; artefacts and results have a file name.csv, and perhaps others called name_character…
+    compare: (rows that were there, new rows of a character) → more rows to write beside the new ones
     """
     from replicate.report.notebooks import run_notebook
 
@@ -149,10 +152,10 @@ def publish_rows(
     with alone(folder):
         before = manifest.entries(folder, name)
         earlier = readable(read_results, folder / file) or []
-        facts = {c: own for c, own in before.items() if c not in groups and _is_whole(folder, own, earlier, c)}
+        facts = {c: entry for c, entry in before.items() if c not in groups and _is_whole(folder, entry, earlier, c)}
         rows = [row for row in earlier if row.character in facts]
         for character, each in groups.items():
-            new = over_seeds([read_results(one.folder / file) for one in each])
+            new = over_seeds([read_results(result.folder / file) for result in each])
             rows += [*new, *(compare(earlier, new) if compare else ())]
             facts[character] = facts_of(each, rows[-1].run)
             names = _copy(each[0].folder, folder, f"{name}_{character}", before.get(character, {}).get("files", ()))
@@ -170,7 +173,7 @@ def _is_whole(folder: Path, facts: dict, rows: Sequence[Row], character: str) ->
 
 
 def _copy(source: Path, folder: Path, stem: str, before: Sequence[str]) -> list[str]:
-    """Copy the files whose names begin with a stem, remove what there was besides, and return the names."""
+    """Copy the files whose names begin with a stem, remove other files of `before`, and return the names."""
     names = sorted(file.name for file in source.glob(f"{stem}*") if file.is_file())
     for name in set(before) - set(names):
         (folder / name).unlink(missing_ok=True)

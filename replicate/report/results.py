@@ -1,4 +1,4 @@
-"""Results as tidy CSV: one row a number, full precision, sorted, so that two runs can be compared with `diff`."""
+"""Results as tidy CSV: one row for each number, in full precision and sorted, so that `diff` can compare two runs."""
 
 import hashlib
 import re
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 UNITS = ("mm", "deg", "ms", "s", "J", "MB", "count", "ratio")
-KEY = ("table", "character", "method", "metric")  # what a number is
+KEY = ("table", "character", "method", "metric")  # the columns that identify a number
 SCHEMA = (
     *map(Column, KEY),
     Column("unit", choices=UNITS),
@@ -38,10 +38,14 @@ COLUMNS = tuple(column.name for column in SCHEMA)
 class Row:
     """One number of one table.
 
-    table, character, method, metric: what it is; together they are unique in a file. unit: one of `UNITS`.
-    value: mean over the seeds; sd: its standard deviation over them, None for a single seed.
-    seeds, poses: how many of each it stands on, None where unknown. profile: the profile that made it, or "published".
-    run: which run, or for published numbers where they were printed.
+    table, character, method, metric: what it is; together they are unique in a file
+    unit: one of `UNITS`
+    value: its mean over the seeds
+    sd: its standard deviation over the seeds, None for a single seed
+    seeds: the number of seeds, None where unknown
+    poses: the number of poses, None where unknown
+    profile: the profile that made it, or "published"
+    run: the run that made it, or for published numbers where they were printed
     """
 
     table: str
@@ -58,39 +62,39 @@ class Row:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """What the number is: (table, character, method, metric)."""
+        """What identifies the number: (table, character, method, metric)."""
         return self.table, self.character, self.method, self.metric
 
 
 def write_results(path: Path, rows: Iterable[Row]) -> None:
-    """Write rows, sorted by what they are, to a CSV file; it appears whole or not at all.
+    """Write rows, sorted by their keys, to a CSV file; it appears whole or not at all.
 
-    Raises InputError for a value that is no finite number, an unknown unit, or two rows about the same thing.
+    Raises InputError for a value that isn't a finite number, an unknown unit, or two rows with the same key.
     """
     write_csv(path, SCHEMA, map(astuple, sorted(rows, key=lambda row: row.key)), KEY)
 
 
 def read_table(path: Path) -> "pandas.DataFrame":
-    """Read a CSV file that `write_results` wrote, or one that somebody typed: a number a row, columns as in `SCHEMA`.
+    """Read a CSV file with the columns of `SCHEMA`, whether `write_results` or a person wrote it.
 
-    Raises InputError, naming the file and the line, for a file that is no such table.
+    Raises InputError, naming the file and the line, for any other file.
     """
     return read_csv(path, SCHEMA, KEY, missing="there is no such results file.")
 
 
 def read_results(path: Path) -> list[Row]:
-    """Read a table as `Row`s, for single look-ups. Raises InputError as `read_table` does."""
+    """Read a table as `Row`s. Raises InputError as `read_table` does."""
     frame = read_table(path).astype(object)
     return [Row(*cells) for cells in frame.where(frame.notna(), None).itertuples(index=False, name=None)]
 
 
 def most_seeds(rows: Iterable[Row]) -> int:
-    """Return on how many seeds the rows stand, the most of any; zero where none says so."""
+    """Return the largest number of seeds of any row, zero if none has one."""
     return max((row.seeds or 0 for row in rows), default=0)
 
 
 def seeds_in_words(counts: Iterable[int]) -> str:
-    """Return some numbers of seeds as "one seed", "3 seeds" or, where they differ, "2 to 3 seeds"; "" for none."""
+    """Return counts of seeds in words: "one seed", "3 seeds" or, where they differ, "2 to 3 seeds"; "" for none."""
     each = sorted({count for count in counts if count})
     if each in ([], [1]):
         return "one seed" if each else ""
@@ -98,17 +102,17 @@ def seeds_in_words(counts: Iterable[int]) -> str:
 
 
 def seeds_note(rows: Sequence[Row]) -> str:
-    """Return on how many seeds a table of some rows stands, character by character, and what its ± means."""
+    """Return the counts of seeds of the characters in a table, and what its ± means, as a note."""
     characters = {row.character for row in rows}
     words = seeds_in_words(most_seeds(row for row in rows if row.character == name) for name in characters)
     return f"{words}, ± their standard deviation" if most_seeds(rows) > 1 else words
 
 
 def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
-    """Return one row for each number of several runs that differ in their seeds alone: its mean and its spread.
+    """Average the numbers of several runs that differ in their seeds alone: return their means and spreads.
 
-    A number that some runs lack (a fourth refinement segment, say) stands on the others. `poses` becomes the smallest
-    of the runs, since the test poses are drawn anew with every seed; `run` names all of them.
+    A number that some runs lack (a fourth refinement segment, say) is averaged over the others. `poses` becomes the
+    smallest of the runs, since every seed draws its own test poses; `run` names all of them.
     """
     if len(runs) == 1:
         return list(runs[0])
@@ -129,24 +133,21 @@ def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
 
 
 def joint_run(rows: Iterable[Row]) -> str:
-    """Return the name of the run that all rows are of, or one that stands for all of their runs together."""
+    """Return the name of the rows' run or, if there are several, a name for all of them together."""
     names = sorted({row.run for row in rows})
     return names[0] if len(names) == 1 else hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
 
 
 def find(rows: Iterable[Row], table: str, character: str, method: str, metric: str) -> Row | None:
-    """Return the row about one thing, or None."""
-    for row in rows:  # the parts that differ most come first: tables are read row by row
+    """Return the row with a key, or None."""
+    for row in rows:  # compare first what differs most: this loop runs often
         if row.metric == metric and row.method == method and row.character == character and row.table == table:
             return row
     return None
 
 
-# The name of a run, as results have it in the column `run`.
-
-
 def run_name(inputs: Mapping[str, Path]) -> str:
-    """Return the name of a run: a hash of the keys of the artefacts that its numbers come from."""
+    """Return the name of a run for the column `run`: a hash of the keys of the artefacts behind its numbers."""
     return hashlib.sha256("\n".join(sorted(path.name for path in inputs.values())).encode()).hexdigest()[:12]
 
 
@@ -154,24 +155,27 @@ def run_name(inputs: Mapping[str, Path]) -> str:
 
 
 def error_rows(character: str, errors: Mapping[str, Errors], profile: str, run: str, seeds: int = 1) -> list[Row]:
-    """Return Table 2's rows, and those of "table2_segments" as metric[segment]."""
+    """Return the rows of methods' errors: of "table2", and of "table2_segments" with the metrics metric[segment].
+
+    errors: by method. profile, run, seeds: for the rows' columns.
+    """
     rows = []
     for label, error in errors.items():
-        numbers = [("table2", "normal_faces_left_out", "count", summary(error.normal).left_out)]
+        values = [("table2", "normal_faces_left_out", "count", summary(error.normal).left_out)]
         for group in (None, *range(len(error.group_names))):
             table = "table2" if group is None else "table2_segments"
             suffix = "" if group is None else f"[{error.group_names[group]}]"
             for kind, unit, tally in (("vertex", "mm", error.vertex), ("normal", "deg", error.normal)):
                 statistics = summary(tally, group)
                 for name in ("mean", "p95", "max") if statistics.count else ():
-                    numbers.append((table, f"{kind}_error_{name}{suffix}", unit, getattr(statistics, name)))
-        for table, metric, unit, value in numbers:
+                    values.append((table, f"{kind}_error_{name}{suffix}", unit, getattr(statistics, name)))
+        for table, metric, unit, value in values:
             poses = len(error.pose_mm)
             rows.append(Row(table, character, label, metric, unit, float(value), None, seeds, poses, profile, run))
     return rows
 
 
-# Results of each seed by itself, beside the table of their means: one row a number and a seed.
+# Results of each single seed, beside the table of their means: one row for each number and seed.
 
 SEED_SCHEMA = (Column("seed", "whole number"), *SCHEMA)
 SEED_KEY = ("seed", *KEY)
@@ -179,13 +183,13 @@ Seeds = Mapping[int, Sequence[Row]]  # rows by their seed
 
 
 def write_seeds(path: Path, seeds: Seeds) -> None:
-    """Write the rows of every seed, sorted, to a CSV file: the columns of a table with `seed` before them."""
+    """Write the rows of every seed, sorted, to a CSV file: the column `seed`, then those of a table."""
     lines = ((seed, row) for seed in sorted(seeds) for row in sorted(seeds[seed], key=lambda row: row.key))
     write_csv(path, SEED_SCHEMA, ((seed, *astuple(row)) for seed, row in lines), SEED_KEY)
 
 
 def read_seeds(path: Path) -> dict[int, list[Row]]:
-    """Read the rows of every seed. Raises InputError, naming the file and the line, for a file that holds none."""
+    """Read the rows of every seed. Raises InputError, naming the file and the line, for any other file."""
     frame = read_csv(path, SEED_SCHEMA, SEED_KEY, missing="there is no such file of single seeds.").astype(object)
     seeds: dict[int, list[Row]] = {}
     for seed, *cells in frame.where(frame.notna(), None).itertuples(index=False, name=None):
@@ -194,12 +198,12 @@ def read_seeds(path: Path) -> dict[int, list[Row]]:
 
 
 def where(seeds: Seeds, keep: Callable[[str], bool]) -> dict[int, list[Row]]:
-    """Return the rows of those characters whose name a function says yes to."""
+    """Return the rows of the characters for whose names `keep` returns True."""
     return {seed: [row for row in rows if keep(row.character)] for seed, rows in seeds.items()}
 
 
 def of_character(seeds: Seeds, character: str) -> dict[int, list[Row]]:
-    """Return the rows of one character, of the seeds that it has."""
+    """Return the rows of one character, by the seeds that it has."""
     return {seed: rows for seed, rows in where(seeds, character.__eq__).items() if rows}
 
 
@@ -212,14 +216,14 @@ def joined(seeds: Seeds, others: Seeds) -> dict[int, list[Row]]:
 
 
 def cast() -> tuple[str, ...]:
-    """Return the characters that stand for the paper's four, in its order: those that have a recipe."""
+    """Return the characters with a recipe that stand for the paper's four, in the paper's order."""
     return tuple(name for name in STANDS_FOR if recipe_file(name).is_file())
 
 
 def order_of(character: str) -> tuple[bool, int, str]:
-    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name.
+    """Return a sort key of characters: first stand-ins for the paper's four in its order, then others by name.
 
-    Variants, as teen@one_face, come last, in the order of the characters that they are variants of.
+    Variants, such as teen@one_face, come last, in the order of their characters.
     """
     names, (base, at, _) = list(STANDS_FOR), character.partition("@")
     return bool(at), (names.index(base) if base in names else len(names)), character
@@ -228,22 +232,22 @@ def order_of(character: str) -> tuple[bool, int, str]:
 def has_committed_meshes(character: str) -> bool:
     """Return whether meshes of a character's test poses are committed, beside numbers and pictures.
 
-    Those of a face that is no part of this project are not; those of variants, as teen@one_face, would take space.
+    They are not for faces from outside this project, nor for variants, such as teen@one_face, to save space.
     """
     return character not in OUTSIDE and "@" not in character
 
 
 def led_by(characters: Iterable[str], first: str) -> list[str]:
-    """Return the characters with one of them in front, if it is among them."""
+    """Return the characters with `first` in front, if it is among them."""
     return sorted(characters, key=lambda name: name != first)
 
 
 def characters_of(rows: Iterable[Row]) -> list[str]:
-    """Return the characters of some rows in the order of the paper's."""
+    """Return the characters of some rows in the order of tables (`order_of`)."""
     return sorted({row.character for row in rows}, key=order_of)
 
 
-# Held-out error against training step, from the networks' training logs.
+# Held-out errors over training steps, from the networks' training logs.
 
 LOG_MEASURES = (Column("step", "whole number"), *(Column(name, "number") for name in ("loss", "mm", "degrees")))
 CURVE_NAMES = ("character", "method")
@@ -256,7 +260,7 @@ Curve = tuple[tuple[float, float, float, float], ...]  # (step, loss, mm, degree
 def read_log(path: Path) -> Curve:
     """Read a network's log.csv: step, mean loss since the row before, and mm and degrees on held-out poses.
 
-    Raises InputError, naming file and line, for anything else.
+    Raises InputError, naming file and line, for any other file.
     """
     return _curve(read_csv(path, LOG_MEASURES, (), MISSING))
 
@@ -268,7 +272,7 @@ def write_curves(path: Path, curves: Mapping[tuple[str, str], Curve]) -> None:
 
 
 def read_curves(path: Path) -> dict[tuple[str, str], Curve]:
-    """Read what `write_curves` wrote. Raises InputError, naming file and line, for anything else."""
+    """Read a file of `write_curves`. Raises InputError, naming file and line, for any other file."""
     frame = read_csv(path, CURVE_COLUMNS, (), MISSING)
     return {names: _curve(rows) for names, rows in frame.groupby(list(CURVE_NAMES), sort=False)}
 
@@ -280,16 +284,14 @@ def _curve(frame) -> Curve:
 
 # All results of a run as one tidy DataFrame.
 
-TABLE_FILE = re.compile(
-    r"(table\d+|figure\d+|rig_report|bench_\w+)\.csv"
-)  # other CSV files hold what is behind a figure
+TABLE_FILE = re.compile(r"(table\d+|figure\d+|rig_report|bench_\w+)\.csv")  # other CSV files belong to a figure
 
 
 def read_run(run: str) -> "pandas.DataFrame":
-    """Return every table of a run, with the columns and dtypes of `results.SCHEMA`; empty cells are missing values.
+    """Return every table of a run, with the columns and dtypes of `SCHEMA`; empty cells are missing values.
 
-    run: as in `replicate.results`. Raises InputError for a run of another name, for one without results, for a file
-    that is no table, and for a number that two files have.
+    run: as in `replicate.results`. Raises InputError for an unknown run, for one without results, for a file that is no
+    table, and for a number that two files have.
     """
     import pandas
 
@@ -312,7 +314,7 @@ def _folder(run: str) -> Path:
         return folders[run]
     if run not in (*PROFILES, "bench"):
         choices = ", ".join((*folders, *PROFILES, "bench"))
-        raise InputError(f"there are no results named {run!r}: allowed are {choices}.")
+        raise InputError(f"there are no results named {run!r}; there can be {choices}.")
     return run_folder(run)
 
 

@@ -1,4 +1,4 @@
-"""Printed tables: aligned text for a terminal, HTML for a page, Markdown and LaTeX for a paper, from the same cells."""
+"""Tables of cells as aligned text for a terminal, HTML for a page, and Markdown and LaTeX for a paper."""
 
 import html
 import re
@@ -11,15 +11,19 @@ _BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§‖★☆¤≈])")
 _CODE = re.compile(r"`([^`]*)`")
 _MARKUP = re.compile(r"<(?=[A-Za-z/!?])|&(?=[#\w])|(?<=\])\(|[\\*$]")  # tags, entities, links, emphasis, formulas
 _CODE_OR_MARKUP = re.compile(rf"(`[^`]+`)|{_MARKUP.pattern}")
-_ONE_LINE = 36  # characters of a cell that a page keeps in one line
+_ONE_LINE = 36  # a page keeps a cell of at most so many characters in one line
 _LEFT, _CENTRE, _RULE = ' style="text-align: left"', ' style="text-align: center"', ' style="border-top: 1px solid"'
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells ready to be shown: a title, header rows (a span of columns is its text, then empty strings), body, notes.
+    """A table of cells that are ready to be shown.
 
-    The first column of the body, or more of them (text_columns), is text and set flush left; a row of None is a rule.
+    title: the line above it
+    headers: header rows; a text that spans several columns is followed by empty strings
+    body: the rows; None is a horizontal rule
+    notes: lines below it
+    text_columns: how many columns on the left hold text and are set flush left
     """
 
     title: str
@@ -30,11 +34,9 @@ class Table:
 
 
 def round_off(value: float | None, unit: str, sd: float | None = None) -> str:
-    """Return a value as it is shown: two decimals, three for less than 0.1 mm, none of counts and seconds.
+    """Return a value for a table: with two decimals, three below 0.1 mm, none for counts and seconds; "–" for None.
 
-    "–" stands where there is no value.
-
-    A standard deviation too small for those decimals gets up to two more, if its first digit is among them.
+    A standard deviation that would round to zero gets up to two more decimals, if that shows a digit of it.
     """
     if value is None:
         return "–"
@@ -46,7 +48,7 @@ def round_off(value: float | None, unit: str, sd: float | None = None) -> str:
 
 
 def paper_value(row: Row | None) -> str:
-    """Return a paper's value with the digits that it was printed with; "?" marks one that the scan makes doubtful."""
+    """Return a value of the paper's with its printed digits; "?" marks one that the scan makes doubtful."""
     if row is None:
         return "–"
     digits = {"mm": 2, "deg": 1, "MB": 2, "count": 0}.get(row.unit)
@@ -69,7 +71,7 @@ def as_text(table: Table) -> str:
 
 
 def as_markdown(table: Table) -> str:
-    """Return the table in GitHub's Markdown: spanning headers are joined with the ones below them."""
+    """Return the table in GitHub's Markdown; headers that span columns are joined with those below them."""
     header = list(table.headers[-1])
     for upper in table.headers[:-1]:
         header = [
@@ -85,11 +87,11 @@ def as_markdown(table: Table) -> str:
 
 
 def plain_markdown(text: str) -> str:
-    """Return a text as Markdown that shows it as it is, whatever names are in it; `code` alone stays code.
+    """Return Markdown that shows a text unchanged, whatever names are in it; only `code` stays code.
 
-    So text becomes Markdown everywhere: a name that somebody gave a region, say, makes no tag, link or image.
+    A name that a user gave a region, say, can then make no tag, link or image.
     """
-    if "``" in text:  # readers disagree on where such code ends: there is none then
+    if "``" in text:  # Markdown readers disagree on where such code ends, so none is kept
         return _MARKUP.sub(_entity, text)
     return _CODE_OR_MARKUP.sub(lambda found: found[1] or _entity(found), text)
 
@@ -99,9 +101,9 @@ def _entity(found: re.Match) -> str:
 
 
 def as_html(table: Table, folded: bool = False) -> str:
-    """Return the table for a page, with headers that span columns and labels in one line where they are short.
+    """Return the table as HTML, with headers that span columns, and short labels in one line.
 
-    folded: the title alone stands there, until a reader clicks it.
+    folded: show the title alone until a reader clicks it.
     """
     title = f"<b>{_html(table.title)}</b>"
     head = "".join(_html_header(header, table.text_columns) for header in table.headers)
@@ -120,9 +122,9 @@ def as_html(table: Table, folded: bool = False) -> str:
 
 
 def unbroken(text: str) -> str:
-    """Return a text in which no line ends beside ± or before the mark of a note, however narrow the page.
+    """Return a text in which no line breaks beside ± or before the mark of a note, however narrow the page.
 
-    Its spaces there are others than one types, so a text that people search is better left as it is.
+    Its no-break spaces hinder searching, so texts that people search are better left alone.
     """
     return _BREAK.sub("\u00a0", text)
 
@@ -220,7 +222,7 @@ def _html_row(row: Sequence[str], text_columns: int, ruled: bool) -> str:
 
 
 def _bar(cells: Sequence[str]) -> str:
-    # a bar would end the cell, and the code that it stands in
+    # a plain "|" would end the cell, even inside code
     return "| " + " | ".join(plain_markdown(cell).replace("|", "&#124;") for cell in cells) + " |"
 
 

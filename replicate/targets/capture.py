@@ -15,10 +15,12 @@ from replicate.base.user_files import shown_path
 from replicate.capture import landmark_rig
 from replicate.capture.capture_config import CaptureConfig, CaptureNumbers
 from replicate.capture.capture_config import own as capture_section
+from replicate.capture.landmark_file import read_landmarks
 from replicate.cli.options import configurations
 from replicate.cli.running import make
 from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext
+from replicate.engine.store import read_manifest
 from replicate.methods import artefacts, measurement, refined
 from replicate.methods.measurement import reading
 from replicate.methods.method import Method
@@ -27,18 +29,18 @@ from replicate.report.publication import CharacterResult, alone, by_character
 
 
 def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = None) -> list[Stage]:
-    """Return the stages of one character's capture; those that train, the slow ones, come first.
+    """Return the stages of one character's capture, the slow ones that train first.
 
-    landmarks: the recording; without one the last stage can't be made.
+    landmarks: the file of the recording; without it the last stage can't be run.
     """
     method = refined.METHOD
     trained = landmark_rig.ik_stage_of(plan, method)
-    numbers = CaptureNumbers(plan.character, section(plan.config), measurement.numbers_of(method, plan.config))
+    settings = CaptureNumbers(plan.character, section(plan.config), measurement.numbers_of(method, plan.config))
     shared = (artefacts.rig_stage(plan), artefacts.rigid_stage(plan), landmark_rig.stage(plan))
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan), trained)}
     functions = ", ".join(map(reference, (drive, *reading(method, plan.config).sources)))
     files = (landmarks,) if landmarks else ()
-    return [*method.stages(plan), trained, plan.stage("capture", functions, numbers, *inputs.values(), files=files)]
+    return [*method.stages(plan), trained, plan.stage("capture", functions, settings, *inputs.values(), files=files)]
 
 
 def section(config: Config) -> CaptureConfig:
@@ -47,14 +49,14 @@ def section(config: Config) -> CaptureConfig:
 
 
 def drive(context: StageContext) -> None:
-    """Drive the character by the recording and write what comes of it."""
+    """Drive the character by the recording and write the results."""
     from replicate.capture.capture_files import write_all
 
     context.note(**write_all(context.config, context.inputs, context.files[0], context.out))
 
 
 def run(options: argparse.Namespace) -> None:
-    """Drive every character by the recording, publish the files and say what they are."""
+    """Drive every character by the recording, publish the files and print what they are."""
     landmarks = checked(options)
     publish(make(options, partial(stages, landmarks=landmarks)), landmarks.stem)
 
@@ -62,10 +64,8 @@ def run(options: argparse.Namespace) -> None:
 def publish(results: Sequence[CharacterResult], recording: str) -> None:
     """Copy the files of some characters to results/runs/capture, with the recording's name in theirs.
 
-    Of several seeds the first is taken. They are no results of a profile: a recording is of a person, and of no table.
+    Of several seeds the first is taken. The folder isn't a profile's, since a recording belongs to no table.
     """
-    from replicate.engine.store import read_manifest
-
     folder = run_folder("capture")
     check_writable(folder, "REPLICATE_RESULTS")
     with alone(folder):
@@ -76,22 +76,21 @@ def publish(results: Sequence[CharacterResult], recording: str) -> None:
                 copy_file(file, folder / names[-1])
             facts = read_manifest(first.folder)["notes"]
             print(f"written to {display_path(folder)}: {', '.join(names)}")
-            print(f"{facts['in_words']} Landmarks end {facts['landmark_error_mm']:.2f} mm from where they shall go.")
+            print(f"{facts['in_words']} Landmarks end {facts['landmark_error_mm']:.2f} mm from their targets.")
 
 
 def checked(options: argparse.Namespace) -> Path:
-    """Return the recording's file. Raises InputError for none, and for a bad one, before anything is trained."""
-    from replicate.capture.landmark_file import read_landmarks
+    """Return the recording's file. Raises InputError for a missing or a bad one, before anything is trained."""
     from replicate.capture.landmark_motion import check_face, check_recording
 
     if not options.landmarks:
-        raise InputError("no recording is named: allowed is LANDMARKS=file.csv, as REPRODUCING.md describes it")
+        raise InputError("no recording is named: add LANDMARKS=file.csv, a file as REPRODUCING.md describes it")
     file = Path(os.path.abspath(with_home(options.landmarks, "LANDMARKS")))
     for config in configurations(options):
-        own = section(config)
+        settings = section(config)
         names = tuple(FACE_LANDMARKS)
-        recording = read_landmarks(file, names, own.longest_gap)
+        recording = read_landmarks(file, names, settings.longest_gap)
         with naming(shown_path(file)):
-            check_recording(recording, own)
-            check_face(recording, names, own)
+            check_recording(recording, settings)
+            check_face(recording, names, settings)
     return file

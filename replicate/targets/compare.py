@@ -1,4 +1,4 @@
-"""The paper's numbers, the reference results and yours, side by side."""
+"""Compare the paper's numbers, the reference results and yours, side by side."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -6,18 +6,16 @@ from pathlib import Path
 
 from replicate.base import paths
 from replicate.base.exceptions import InputError
+from replicate.cli.target_list import targets
 from replicate.config import check_profile
 from replicate.methods.method_registry import in_order
 from replicate.report.results import STANDS_FOR, Row, find, order_of, read_results
-from replicate.report.tables import Table, paper_value, round_off
+from replicate.report.tables import Table, as_latex, as_text, paper_value, round_off
 from replicate.timing.single_poses import CHANGE, label_of
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print a table for every target that you have results of; with `all` for those of the reference too."""
-    from replicate.cli.target_list import targets
-    from replicate.report.tables import as_latex, as_text
-
+    """Print a table for every target with results of yours; with `all` also for those of the reference alone."""
     check_profile(options.profile)
     tables = [name for name, target in targets().items() if target.in_comparison]
     folders = paths.PAPER, paths.REFERENCE, paths.run_folder(options.profile)
@@ -28,28 +26,33 @@ def run(options: argparse.Namespace) -> None:
 # `make compare`: the paper's number, the reference result's, and yours, side by side.
 
 SPREAD = tuple(f"{kind}_{cores}" for kind in ("median", "p05", "p95") for cores in ("one_core", "all_cores"))
-TABLE1_NAMES = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # what Table 1 calls what is no method of it
+TABLE1_NAMES = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # lines of Table 1 that are no methods
 
 
 def compare(
     paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str, everything: bool = False
 ) -> Table:
-    """Return one printed table: a line for every number of `table` that yours has, those of new characters first.
+    """Compare one table: a line for each of your numbers, those of new characters first.
 
-    The last column is yours over the reference's. Percentiles, maxima and brackets stay in the full tables, and so does
-    what compares a run with the one before it. everything: numbers by region or source, as metric[region], have lines
-    too, and those of the reference alone come after yours; otherwise a note says how many lines that is.
+    The last column is yours over the reference's. Percentiles, maxima and changes since the run before are left out.
+
+    paper: the paper's rows
+    reference: the rows of the reference results
+    yours: the rows of your run
+    table: the name of the table, "table1"
+    everything: show numbers by region or source, metric[region], too, and those of the reference alone after yours;
+        otherwise a note says how many lines that would be
     """
-    own, theirs = (
+    your_units, reference_units = (
         {row.key[1:]: row.unit for row in rows if row.table == table and _has_line(row)} for rows in (yours, reference)
     )
-    units = theirs | own
-    shown = [key for key in units if everything or (key in own and "[" not in key[2])]
-    old_characters = {character for character, _, _ in theirs}
+    units = reference_units | your_units
+    shown = [key for key in units if everything or (key in your_units and "[" not in key[2])]
+    old_characters = {character for character, _, _ in reference_units}
     order = in_order({method for _, method, _ in shown})
 
     def place(key: tuple[str, str, str]) -> tuple:
-        return key not in own, key[0] in old_characters, *_order(key, order)
+        return key not in your_units, key[0] in old_characters, *_order(key, order)
 
     body: list[tuple[str, ...] | None] = []
     last, seen = "", []
@@ -68,29 +71,36 @@ def compare(
         name = f"{TABLE1_NAMES.get(method) or label_of(method, marked=True)}, {named}" if table == "table1" else ""
         body.append((f"  {name or label_of(method, marked=True)}", paper_value(published), *cells, ratio))
     title = f"{table}: the paper's rig | the reference results | yours"
-    return Table(title, _headers(seen), tuple(body), _left_out(own, theirs, shown))
+    return Table(title, _headers(seen), tuple(body), _left_out(your_units, reference_units, shown))
 
 
-def _left_out(own: Mapping, theirs: Mapping, shown: Sequence) -> tuple[str, ...]:
-    """Return how many rows a table leaves out, and how to see them, as a note; none where it has all."""
-    lacking, finer = len(theirs.keys() - own.keys()), len(own.keys() - set(shown))
+def _left_out(your_units: Mapping, reference_units: Mapping, shown: Sequence) -> tuple[str, ...]:
+    """Return a note on how many rows a table leaves out and how to see them; none where it shows all."""
+    lacking, finer = len(reference_units.keys() - your_units.keys()), len(your_units.keys() - set(shown))
     parts = [f"{lacking:,} rows of the reference that yours lacks"] * bool(lacking)
     parts += [f"{finer:,} of yours by region or source"] * bool(finer)
-    return (f"Left out: {' and '.join(parts)}; ALL=1 shows them.",) if len(shown) < len({*own, *theirs}) else ()
+    return (
+        (f"Left out: {' and '.join(parts)}; ALL=1 shows them.",)
+        if len(shown) < len({*your_units, *reference_units})
+        else ()
+    )
 
 
 def compare_folders(
     paper: Path, reference: Path, yours: Path, tables: Sequence[str], everything: bool = False
 ) -> list[Table]:
-    """Return the comparison of every one of some tables, "table1" …, that `yours` holds.
+    """Compare each table that you have results of. Raises InputError, with the targets that make some, for none.
 
-    everything: also of those that `reference` alone holds, and with all rows of it. Raises InputError, with the targets
-    that make them, where `yours` holds none of them.
+    paper: the folder with the paper's numbers
+    reference: the folder of the reference results
+    yours: the folder of your run
+    tables: names of tables, "table1" …
+    everything: compare tables that `reference` alone holds too, with all of their rows
     """
     present = {folder: [t for t in tables if (folder / f"{t}.csv").is_file()] for folder in (reference, yours)}
     if not present[yours]:
         raise InputError(
-            f"{yours}: there are no results of yours to compare yet; "
+            f"{yours}: there are no results to compare yet; "
             f"{' or '.join(f'`make {table}`' for table in tables)} makes some."
         )
     comparisons = []
@@ -119,6 +129,6 @@ def _order(key: tuple[str, str, str], order: Sequence[str]) -> tuple:
 
 
 def _headers(seen: Sequence[tuple[Row | None, Row | None]]) -> tuple[tuple[str, ...], ...]:
-    """Return what stands above the columns: whose numbers they are, and of which profile those that are shown."""
+    """Return the two header rows: whose numbers the columns hold, and the profiles of the rows that are shown."""
     old, new = (", ".join(sorted({row.profile for row in rows if row})) for rows in zip(*seen, strict=True))
     return ("", "paper", "reference", "yours", "yours /"), ("", "", old, new, "reference")

@@ -1,4 +1,4 @@
-"""Models that leave the suite: an ONNX file a method, the mesh as GLB, and our method as C99; for any character."""
+"""Write a character's models for use elsewhere: an ONNX file for each method, the mesh as GLB, our method as C99."""
 
 import argparse
 import textwrap
@@ -20,6 +20,7 @@ from replicate.cli.running import make
 from replicate.deployment.c_face import TEMPLATES, CFace, c_files
 from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_model, in_words
 from replicate.engine.stage import Stage, StageContext, stage_function
+from replicate.engine.store import read_manifest
 from replicate.export.files import glb, posed_parts
 from replicate.methods import artefacts, measurement, regional
 from replicate.methods.measurement import vertices_of
@@ -29,10 +30,7 @@ from replicate.report.publication import publish_files
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's models, those that train first; each model is measured too.
-
-    Methods without a model are left out.
-    """
+    """Return the stages that train, measure and write one character's models; methods without a model are left out."""
     methods = [method for method in methods if method.model]
     slow = [stage for method in methods for stage in method.stages(plan)]
     measured = [measurement.stage(plan, method) for method in methods]
@@ -41,40 +39,34 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     }
     written = tuple(DeployedMethod(m.name, m.label, reference(m.model), m.rigid_step) for m in methods)
     settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written)
-    functions = ", ".join(dict.fromkeys([reference(write), *(one.model for one in written)]))
+    functions = ", ".join(dict.fromkeys([reference(write), *(method.model for method in written)]))
     return [*inputs.values(), plan.stage("deploy", functions, settings, *inputs.values(), files=TEMPLATES)]
-
-
-def write(context: StageContext) -> None:
-    """Write the files of one character, and see that onnxruntime gives with them what Python gives."""
-    write_files(context)
 
 
 def run(options: argparse.Namespace) -> None:
     """Write the models of every character and publish them."""
-    from replicate.engine.store import read_manifest
-
     results = make(options, lambda plan: stages(plan, deployable(methods(options, plan.config), options.methods)))
     folder, files = publish_files("deploy", results)
-    notes = {name: text for one in results for name, text in read_manifest(one.folder)["notes"]["files"].items()}
-    for name in (name for own in files.values() for name in own):
+    notes = {name: text for result in results for name, text in read_manifest(result.folder)["notes"]["files"].items()}
+    for name in (name for names in files.values() for name in names):
         print(f"written to {paths.display_path(folder / name)}: {notes.get(name, 'see REPRODUCING')}")
 
 
 def deployable(chosen: Sequence[Method], text: str | Sequence[str]) -> list[Method]:
-    """Return the methods that have a model; words for many methods, as all, may name others.
+    """Return the chosen methods that have a model.
 
-    Raises InputError where a method without a model is named itself, and where none is left.
+    text: the user's choice; a word for several methods, such as all, may include some without a model. Raises
+    InputError for a method without a model that is named itself, and where none is left.
     """
     named = set(words(text))
     have = [method for method in chosen if method.model]
     for method in chosen:
         if not method.model and (method.name in named or not have):
-            raise InputError(f"method {method.name!r} has no model to write: it is no function of rig parameters alone")
+            raise InputError(f"method {method.name!r} has no model to write: it needs more than rig parameters")
     return have
 
 
-# What the stage that writes models depends on.
+# The settings of the stage that writes models.
 
 
 @dataclass(frozen=True)
@@ -89,7 +81,7 @@ class DeployedMethod:
 
 @dataclass(frozen=True)
 class DeploySettings:
-    """Whose models are written, the profile of their training, and the seed that poses to check are drawn with."""
+    """The settings of a character's models; seed: the seed that the test poses are drawn with, too."""
 
     character: str
     profile: str
@@ -107,7 +99,12 @@ C_LINE = 112  # characters in a line of C's comments
 
 @dataclass(frozen=True)
 class DeployedFace:
-    """What all files of a character are written from. params: (b, m), poses to check; inputs: folders of artefacts."""
+    """All that a character's files are written from.
+
+    rig, attachments, facts: the rig, the attachments of its rigid segments, and what the files say about it
+    params: poses in which models are compared with Python, (b, m)
+    inputs: folders of artefacts by the names of their stages
+    """
 
     rig: Rig
     attachments: Attachments
@@ -116,10 +113,10 @@ class DeployedFace:
     inputs: Mapping[str, Path]
 
 
-def write_files(context: StageContext) -> None:
+def write(context: StageContext) -> None:
     """Write all files of one character to the artefact's folder, and note what each of them is, in words.
 
-    Raises RuntimeError for a model of float32 that gives other vertices than Python.
+    Raises RuntimeError if a float32 model computes other vertices in onnxruntime than in Python.
     """
     settings, stem = context.config, f"deploy_{context.config.character}"
     face = _face(context)
@@ -153,7 +150,10 @@ def _face(context: StageContext) -> DeployedFace:
 
 
 def _models(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[tuple[str, bytes, str]]:
-    """Return (name, bytes, what it is) of a method's models: float32 and float16. errors: its own on held-out poses."""
+    """Return (name, bytes, description) of a method's models, float32 and float16.
+
+    errors: the method's errors on held-out poses.
+    """
     import onnx
 
     from replicate.deployment.onnx_model import largest_distance, onnx_model, posed
@@ -169,7 +169,7 @@ def _models(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[
         written = onnx_model(model, mesh, placing, half, about, in_words(face.facts, method.title, errors))
         off = largest_distance(posed(written, face.params), wanted)
         if not (half or off < allowed):
-            raise RuntimeError(f"{method.name} as ONNX is {off:.2g} mm off, where {allowed:.2g} mm are allowed")
+            raise RuntimeError(f"{method.name} as ONNX is {off:.2g} mm off; expected at most {allowed:.2g} mm")
         about["largest_difference_mm"] = f"{off:.2g}"  # from Python with float32, on poses within the limits and beyond
         onnx.helper.set_model_props(written, about)
         data = written.SerializeToString()
@@ -179,14 +179,14 @@ def _models(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[
 
 
 def _write_c(face: DeployedFace, words: str, out: Path, stem: str) -> dict[str, str]:
-    """Write our method as C99; return what the files are. words: what it is."""
+    """Write our method as C99 and return a description of each file. words: the description of the model."""
     about, licence = (
         "\n   ".join(textwrap.wrap(text, C_LINE))
         for text in (f"{words} Made by {face.facts.made_by}.", f"{LICENCE} {PATENTS}")
     )
     facts, mesh, model = face.facts, face.rig.mesh, regional.load_model(face.inputs)
-    own = CFace(facts.character, facts.controls, mesh, face.attachments, model, f"{stem}.glb", about, licence)
-    for name, text in c_files(own, stem).items():
+    c_face = CFace(facts.character, facts.controls, mesh, face.attachments, model, f"{stem}.glb", about, licence)
+    for name, text in c_files(c_face, stem).items():
         (out / name).write_text(text, encoding="ascii")
     size = (out / f"{stem}.c").stat().st_size / 1e6
     return {f"{stem}.h": "how the C file is used", f"{stem}.c": f"our method in C99; {size:.1f} MB of source"}

@@ -25,14 +25,14 @@ from replicate.report.pose_record import (
     vertex_mean_mm,
     view_of,
 )
-from replicate.targets.pose_numbers import folded_pose_stages, save_folded_pose
+from replicate.targets.pose_numbers import folded_pose_stages, publish, save_folded_pose
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
+    """Return the stages of one character's figure, those of the methods, the slow ones, first."""
     return folded_pose_stages(plan, "figure01", FIGURE01, draw)
 
 
@@ -43,8 +43,6 @@ def draw(context: StageContext) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Draw the figure of every character, publish it and print its numbers."""
-    from replicate.targets.pose_numbers import publish
-
     publish("figure01", make(options, stages))
 
 
@@ -58,7 +56,7 @@ LINES = ("distance error", "normal error")
 def figure01(
     record: PoseRecord, across: int | None = None, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): the record's pose as it is and as those of `COLUMNS` that it has predict it.
+    """Return (figure, words): the record's pose, true and as predicted by the methods of `COLUMNS` that it has.
 
     across: the width of one picture, pixels; None for what fills the sheet.
     """

@@ -59,14 +59,19 @@ CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
 
 
 def choose(count: int, generator: np.random.Generator) -> Int[np.ndarray, " k"]:
-    """Return the samples that are shown, of so many."""
+    """Draw the indices of the samples to show, in rising order. count: the number of all samples."""
     return np.sort(generator.choice(count, min(POSES, count), replace=False))
 
 
 def figure05(
     rig: Rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): some poses of the training data, in clay."""
+    """Return (figure, words): some poses of the training data, in clay.
+
+    params: the poses' rig parameters, (k, m)
+    width: of one picture, pixels
+    height: of one picture, pixels
+    """
     posed = [_surfaces(rig, row) for row in params]
     view = _view_of_all(rig, posed, width / height)
     pictures = [render(surfaces, view, width, height, renderer=renderer) for surfaces in posed]
@@ -107,7 +112,7 @@ def save_poses(rig: Rig, params: Float[np.ndarray, "k m"], samples: Int[np.ndarr
 
 
 def clip_kinds(clips: Sequence[Clip]) -> dict[str, Clip]:
-    """Return the first clip of each kind; a clip of ours is named number_kind_expression, others are "clip"s."""
+    """Return the first clip of each kind. Our clips are named number_kind_expression; others have the kind "clip"."""
     kinds: dict[str, Clip] = {}
     for clip in clips:
         match = re.fullmatch(r"\d+_([^_]+)_.+", clip.name)
@@ -116,7 +121,7 @@ def clip_kinds(clips: Sequence[Clip]) -> dict[str, Clip]:
 
 
 def shown_frames(clip: Clip, count: int = FRAMES) -> Int[np.ndarray, " count"]:
-    """Return frames spread evenly over a clip, without its two ends, where ours are at rest."""
+    """Return frames spread evenly over a clip, without its two ends, where our clips are at rest."""
     return np.linspace(0, len(clip.values) - 1, count + 2)[1:-1].round().astype(int)
 
 
@@ -140,8 +145,10 @@ def clip_strips(
 
 
 def _view_of_all(rig: Rig, posed: Sequence[Sequence[Surface]], aspect: float) -> Camera:
-    """Return the view from the front in which every pose has room, heads that stretch or bend too, hair and all."""
-    return frame_surfaces(camera_for("front", rig.mesh.neutral), [one for each in posed for one in each], aspect)
+    """Return a view from the front with room for every pose: also stretched or bent heads, and their hair."""
+    return frame_surfaces(
+        camera_for("front", rig.mesh.neutral), [surface for pose in posed for surface in pose], aspect
+    )
 
 
 def _surfaces(rig, params: Float[np.ndarray, " m"]) -> list[Surface]:
@@ -161,9 +168,9 @@ def save_clips(rig: Rig, stem: Path) -> None:
 
 
 def poses_table(file: Path, character: str) -> Table:
-    """Return the numbers behind a character's Figure 5: for each pose how many controls it uses, and how far.
+    """Return the numbers behind a character's Figure 5: how many controls each pose uses, and which most.
 
-    How far a control is out is its value over the limit on its side.
+    A control's use is its value over the limit on that side.
     """
     poses: dict[str, list[tuple[float, str]]] = {}
     for line in read_lines(file, POSES_HEADER):

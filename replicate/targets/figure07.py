@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RigidPicture(Picture):
-    """The same, and what decides which segments are rigid."""
+    """The settings of Figure 7, with those that decide which segments are rigid."""
 
     rigid: RigidConfig
 
@@ -40,18 +40,18 @@ class RigidPicture(Picture):
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stage that draws one character's figure."""
     inputs = (artefacts.rig_stage(plan), artefacts.samples_stage(plan), artefacts.rigid_stage(plan))
-    numbers = RigidPicture(plan.character, plan.config.seed, plan.config.rigid)
-    return [plan.stage("figure07", draw, numbers, *inputs)]
+    settings = RigidPicture(plan.character, plan.config.seed, plan.config.rigid)
+    return [plan.stage("figure07", draw, settings, *inputs)]
 
 
 def draw(context: StageContext) -> None:
     """Draw the mesh segments in colours (Fig. 7), and how far each is from moving rigidly."""
-    numbers, rig = context.config, artefacts.load_rig(context.inputs)
+    settings, rig = context.config, artefacts.load_rig(context.inputs)
     rigid = artefacts.load_attachments(context.inputs).segment.tolist()
-    errors = artefacts.mean_rigid_errors(context.inputs, numbers.rigid, numbers.seed)
-    stem = context.out / f"figure07_{numbers.character}"
+    errors = artefacts.mean_rigid_errors(context.inputs, settings.rigid, settings.seed)
+    stem = context.out / f"figure07_{settings.character}"
     save_segments_figure(rig, rigid, errors, stem)
-    save_rigid_errors(rig.mesh, errors, rigid, numbers.rigid.tau_mm, stem)
+    save_rigid_errors(rig.mesh, errors, rigid, settings.rigid.tau_mm, stem)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -59,26 +59,26 @@ def run(options: argparse.Namespace) -> None:
     publish_pictures("figure07", make(options, stages))
 
 
-# Figure 7: the mesh segments in colours: each that deforms has one of its own, rigid ones alternate.
+# Figure 7: the mesh segments in colours. No two deforming segments share one; the rigid ones take turns.
 
-# Light ones for teeth and other rigid parts, in turn, so that neighbours differ.
+# Light colours for teeth and other rigid parts, in turn, so that neighbours differ.
 RIGID = ((255, 255, 255), (140, 195, 255), (255, 200, 130), (165, 225, 150))
-# By the beginning of a segment's name; of several that begin alike the first gets it. All of them are among DISTINCT.
+# Colours by the beginning of a segment's name; the first segment that matches gets it. All of them are in DISTINCT.
 PARTS = (
     ("face_2", (240, 60, 190)), ("face_3", (0, 136, 86)), ("face_4", (190, 0, 50)), ("face", (243, 195, 0)),
     ("cranium", (0, 103, 165)), ("neck", (101, 69, 34)), ("ear_right", (141, 182, 0)), ("ear", (249, 147, 121)),
     ("lid", (161, 202, 241)), ("mouth", (226, 88, 34)), ("gums", (194, 178, 128)), ("tongue", (194, 178, 128)),
 )  # fmt: skip
 NEAR = 0.05
-NOT_NEAR = 1.7  # by how much less alike the colours count of two segments that are not neighbours
+NOT_NEAR = 1.7  # factor on the colour distance of two segments that are not neighbours
 HEADER = ("segment", "kind", "vertices", "faces", "rigid_error_mm", "colour")
 
 
 def segment_palette(mesh: Mesh, rigid: Collection[int]) -> list[tuple[int, int, int]]:
     """Return each segment's colour, in the order of `mesh.segment_names`.
 
-    One of `PARTS` that deforms has its part's; another gets, of the colours left, that which looks least like any given
-    so far; to those of its neighbours it must be farther still. Rigid ones have those of `RIGID` in turn.
+    Deforming segments that match one of `PARTS` get its colour. Each other one gets the remaining colour that looks
+    least like those given so far, where likeness to a neighbour's colour counts more. Rigid ones get `RIGID` in turn.
     """
     near, rigid = neighbours(mesh), sorted(rigid)
     given = _colours_of_parts({k: name for k, name in enumerate(mesh.segment_names) if k not in rigid})
@@ -98,7 +98,7 @@ def segment_palette(mesh: Mesh, rigid: Collection[int]) -> list[tuple[int, int, 
 
 
 def _colours_of_parts(names: Mapping[int, str]) -> dict[int, tuple[int, int, int]]:
-    """Return the colours of those segments, by index, whose names begin as a part's; no two get the same."""
+    """Return the colours of the segments, by index, whose names begin like one of `PARTS`; no two get the same."""
     given: dict[int, tuple[int, int, int]] = {}
     for k, name in names.items():
         colour = next((colour for start, colour in PARTS if name.startswith(start)), None)
@@ -108,7 +108,7 @@ def _colours_of_parts(names: Mapping[int, str]) -> dict[int, tuple[int, int, int
 
 
 def neighbours(mesh: Mesh) -> Bool[np.ndarray, "s s"]:
-    """Return which segments touch each other or nearly do, by the share `NEAR` of the head's size."""
+    """Return which segments touch or come nearer to each other than the share `NEAR` of the head's size."""
     reach = NEAR * float(np.ptp(mesh.neutral, axis=0).max())
     parts = [mesh.neutral[mesh.segment == k] for k in range(len(mesh.segment_names))]
     trees = [cKDTree(part) for part in parts]
@@ -124,15 +124,18 @@ def neighbours(mesh: Mesh) -> Bool[np.ndarray, "s s"]:
 
 
 def shown_segment(mesh: Mesh) -> Int[np.ndarray, " f"]:
-    """Return the segment whose colour each face has: the first that it touches, so that borders follow edge loops."""
+    """Return the segment whose colour each face gets: the first that it touches, so that borders follow edge loops."""
     return mesh.segment[mesh.faces].min(1)
 
 
 def figure07(
     rig: Rig, rigid: Collection[int], name: str, across: int | None = None, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words). rigid: indices of the segments that move rigidly by §3.4; name: the character's, as
-    results have it; across: as `coloured_views`.
+    """Draw the segments in colours and return (figure, words).
+
+    rigid: indices of the segments that move rigidly (§3.4)
+    name: the character's name in results
+    across: as for `coloured_views`
     """
     mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
     vertices = np.bincount(mesh.segment, minlength=len(colours))
@@ -159,7 +162,7 @@ def figure07(
 def save_segments_figure(rig: Rig, rigid: Collection[int], errors_mm: Sequence[float] | np.ndarray, stem: Path) -> None:
     """Write Figure 7 of a rig as PNG, its words as JSON, and each segment's numbers as CSV.
 
-    errors_mm: each segment's mean residual of Eq. 3. The character's name is the end of the stem's.
+    errors_mm: each segment's mean residual of Eq. 3. stem: "…/figure07_teen", which ends with the character's name.
     """
     figure, words = figure07(rig, rigid, stem.name.partition("_")[2])
     save_figure(figure, stem.with_suffix(".png"), words)
@@ -204,19 +207,21 @@ def _shown_mm(length: float) -> str:
     return round_off(length, "mm")
 
 
-# Eq. 3 of every segment against τ: which segments move rigidly, and by how much the others don't.
+# Eq. 3 of every segment against τ: which segments move rigidly, and how far the others are from it.
 
-LEAST_MM = 1e-4  # of the axis: what is rigid to rounding stands there
-LINE, FRAME = 0.33, 1.3  # inches: a segment, and what is above and below them
+LEAST_MM = 1e-4  # the least length on the axis, for segments that are rigid up to rounding
+LINE, FRAME = 0.33, 1.3  # inches: a segment's line, and the space above and below all lines
 
 
 def rigid_errors_chart(
     mesh: Mesh, errors_mm: Float[np.ndarray, " s"], rigid: Collection[int], tau_mm: float, name: str
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): each segment's mean residual of Eq. 3, in a line of its own; rigid ones share the first.
+    """Chart each segment's mean residual of Eq. 3, rising line by line, and return (figure, words).
 
-    Lines go from the smallest to the largest. rigid: indices of the segments that count as rigid. name: the
-    character's.
+    errors_mm: the residuals, (s,), mm
+    rigid: indices of the rigid segments, which share the first line
+    tau_mm: the largest residual of a rigid segment
+    name: the character's name
     """
     from matplotlib.figure import Figure
 
@@ -257,7 +262,7 @@ def rigid_errors_chart(
 def save_rigid_errors(
     mesh: Mesh, errors_mm: Sequence[float] | np.ndarray, rigid: Collection[int], tau_mm: float, stem: Path
 ) -> None:
-    """Write the chart as <stem>_rigidity.png, with its words; the character's name is the end of the stem's."""
+    """Write `rigid_errors_chart` as <stem>_rigidity.png, with its words; the stem ends with the character's name."""
     name = stem.name.partition("_")[2]
     figure, words = rigid_errors_chart(mesh, np.asarray(errors_mm), rigid, tau_mm, name)
     save_figure(figure, stem.with_name(f"{stem.name}_rigidity.png"), words)

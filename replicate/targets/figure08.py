@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> None:
     publish_pictures("figure08", make(options, stages))
 
 
-# Figure 8: the segments that refinement is about in colours (§3.3), the rest of the mesh in grey.
+# Figure 8: the refinement segments (§3.3) in colours, the rest of the mesh in grey.
 
 LARGEST_BYTES = 125_000  # five of these pictures make a notebook of less than 1 MB
 HEADER = (
@@ -64,7 +64,7 @@ HEADER = (
 
 
 def refinement_colours(mesh: Mesh, segments: Sequence[Segment]) -> UInt8[np.ndarray, "f 3"]:
-    """Return each face's colour: that of a segment that it touches, grey where it touches none."""
+    """Return each face's colour: that of the last segment that it touches, grey where it touches none."""
     colours = np.full((len(mesh.faces), 3), UNUSED_COLOUR, np.uint8)
     for k, segment in enumerate(segments):
         mask = np.zeros(len(mesh.neutral), bool)
@@ -74,16 +74,16 @@ def refinement_colours(mesh: Mesh, segments: Sequence[Segment]) -> UInt8[np.ndar
 
 
 def segment_lines(mesh: Mesh, segments: Sequence[Segment], errors: Float[np.ndarray, " n"]) -> list[tuple]:
-    """Return a line of `HEADER` for each segment, and one for all other vertices together.
+    """Return a line with the columns of `HEADER` for each segment, and one for all other vertices together.
 
     errors: e_i of Eq. 2 in mm². map_error_mm is the root of its mean over the segment's vertices, error_share the
-    segment's part of its sum; u and v are the extents of the segment's vertices in their chart.
+    segment's part of the sum; u and v are the extents of the segment's vertices in their chart.
     """
     total, lines = float(errors.sum()) or 1.0, []
     unused = np.ones(len(errors), bool)
     for k, segment in enumerate(segments):
         unused[segment.vertices] = False
-        own, uv = errors[segment.vertices], mesh.uv[segment.vertices]
+        inside, uv = errors[segment.vertices], mesh.uv[segment.vertices]
         extents = uv.min(0), uv.max(0)
         lines.append(
             (
@@ -92,8 +92,8 @@ def segment_lines(mesh: Mesh, segments: Sequence[Segment], errors: Float[np.ndar
                 len(segment.vertices),
                 len(segment.parameters),
                 *(float(end[axis]) for axis in (0, 1) for end in extents),
-                float(np.sqrt(own.mean())),
-                float(own.sum()) / total,
+                float(np.sqrt(inside.mean())),
+                float(inside.sum()) / total,
                 hexadecimal(DISTINCT[k % len(DISTINCT)]),
             )
         )
@@ -113,8 +113,12 @@ def figure08(
     across: int | None = None,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words). segments: what §3.3 selected; errors: e_i of Eq. 2 in mm², (n,). name: the character's,
-    as results have it. across: as `coloured_views`.
+    """Draw the refinement segments on the head and in their charts, and return (figure, words).
+
+    segments: what §3.3 selected
+    errors: e_i of Eq. 2, (n,), mm²
+    name: the character's name in results
+    across: as for `coloured_views`
     """
     mesh, whose = rig.mesh, with_layout(name, rig.mesh.segment_names)
     *lines, rest = segment_lines(mesh, segments, errors)
@@ -143,20 +147,20 @@ def figure08(
 
 
 def in_words(segment: str) -> str:
-    """Return a refinement segment's name as a reader has it: face_1_2 is the second square of the chart face_1."""
-    chart, _, number = segment.rpartition("_")
-    return f"{chart.replace('_', ' ')}, square {number}"
+    """Return a refinement segment's name in words: face_1_2 is the second square of the chart face_1."""
+    chart, _, square = segment.rpartition("_")
+    return f"{chart.replace('_', ' ')}, square {square}"
 
 
 def percent(share: float) -> str:
-    """Return a share in whole percent; one that rounds to none says so."""
+    """Return a share in whole percent, or "< 1%" where it would round to 0."""
     return "< 1%" if 0 < share < 0.005 else f"{share:.0%}"
 
 
 def save_refinement_figure(rig: Rig, segments: Sequence[Segment], errors: Float[np.ndarray, " n"], stem: Path) -> None:
     """Write Figure 8 of a rig as PNG, its words as JSON, and each segment's numbers as CSV.
 
-    The character's name is the end of the stem's.
+    stem: "…/figure08_teen", which ends with the character's name.
     """
     figure, words = figure08(rig, segments, errors, stem.name.partition("_")[2])
     save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
@@ -192,16 +196,16 @@ def chart_of(segment: Segment) -> str:
 def chart_panels(
     mesh: Mesh, segments: Sequence[Segment], face_colours: UInt8[np.ndarray, "f 3"], width: int = WIDTH // PANELS
 ) -> list[UInt8[np.ndarray, "h w 3"]]:
-    """Return a picture of so many pixels' width of each chart with refinement segments.
+    """Return a picture of each chart with refinement segments.
 
-    face_colours: of every mesh face, as on the head above them.
+    face_colours: the colour of every mesh face, as on the head above. width: of a picture, pixels.
     """
     charts = dict.fromkeys(map(chart_of, segments))
     return [_panel(mesh, segments, face_colours, chart, width) for chart in charts]
 
 
 def charts_in_rows(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> list[UInt8[np.ndarray, "h v 3"]]:
-    """Return `PANELS` pictures side by side as one, row by row; the last is filled up with white."""
+    """Join pictures into rows of `PANELS`; the last row is filled up with white."""
     pictures = (
         [*pictures, *(np.full_like(pictures[0], 255) for _ in range(-len(pictures) % PANELS))] if pictures else []
     )

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from replicate.cli.options import methods
 from replicate.cli.running import make
-from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.face_sheet import LARGEST_BYTES, Cell, cell_width, face_sheet
 from replicate.drawing.heatmap import middle_line, normal_bar, normal_heat, split_face
-from replicate.drawing.panels import Words
+from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.render import render
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
@@ -28,6 +28,7 @@ from replicate.report.pose_record import (
     pose_in_words,
     view_of,
 )
+from replicate.targets.pose_numbers import publish, save_rows
 from replicate.targets.shown_records import load_records, picture_settings, record_stages
 
 if TYPE_CHECKING:
@@ -35,18 +36,13 @@ if TYPE_CHECKING:
 
 
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
-    """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
+    """Return the stages of one character's figure, those of the methods, the slow ones, first."""
     shown = [method for method in methods if method.in_figures]
     return record_stages(plan, shown, "figure10", draw, picture_settings(plan, shown))
 
 
 def draw(context: StageContext) -> None:
     """Draw the normal errors of every method in each of the poses, and once more close up on the forehead (Fig. 10)."""
-    from replicate.drawing.face_sheet import LARGEST_BYTES
-    from replicate.drawing.panels import save_figure
-    from replicate.report.pose_record import FOLDED
-    from replicate.targets.pose_numbers import save_rows
-
     records = load_records(context.config.character, context.inputs)
     save_rows(context, records)
     for record in records.values():
@@ -57,8 +53,6 @@ def draw(context: StageContext) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Draw the figure of every character, publish it and print its numbers."""
-    from replicate.targets.pose_numbers import publish
-
     publish("figure10", make(options, lambda plan: stages(plan, methods(options, plan.config))))
 
 
@@ -76,10 +70,11 @@ def figure10(
     across: int | None = None,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words) of one test pose.
+    """Draw every method's normal errors in one test pose and return (figure, words).
 
-    limit_deg: the upper end of the colours, the same for every face. across: the width of one face's picture, pixels;
-    None for what fills the sheet.
+    limit_deg: the upper end of the colours, the same for every face
+    camera: the view, "front" or "forehead"
+    across: the width of one face's picture, pixels; None for what fills the sheet
     """
     methods = [name for name in in_order(set(record.vertices) - {TRUTH}) if method_named(name).in_figures]
     names = (WHOLE, *record.region_names)
@@ -103,25 +98,25 @@ def figure10(
 
 
 def picture_name(record: PoseRecord, camera: str = "front") -> str:
-    """Return the file name, without ending, of a record's Figure 10."""
+    """Return the file name of a record's Figure 10, without its ending."""
     views = [camera] if camera != "front" else []
     rules = [record.choice] if record.choice != FOLDED else []
     return "_".join(["figure10", record.character, *rules, *views])
 
 
 def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], limit_deg: float) -> Words:
-    wholes = ", ".join(f"{plain_name(method)} {own[WHOLE]:.2f}°" for method, own in means.items())
-    what = "foreheads, close up" if camera == "forehead" else "heads from the front"
+    wholes = ", ".join(f"{plain_name(method)} {by_region[WHOLE]:.2f}°" for method, by_region in means.items())
+    views = "foreheads, close up" if camera == "forehead" else "heads from the front"
     regions = f", over the {WHOLE} and region by region" if record.region_names else f" over the {WHOLE}"
     pose = pose_in_words(record)
     alt = (
-        f"{len(means) + 1} {what}, the ground truth first, then one for each method; the left half of each method's "
+        f"{len(means) + 1} {views}, the ground truth first, then one for each method; the left half of each method's "
         f"face is its surface in clay, the right half is coloured by normal error from 0 to {limit_deg:g} degrees. "
         f"Mean errors: {wholes}."
     )
     best = min(means, key=lambda method: means[method][WHOLE]) if means else None
     hardest = _hardest_region(means)
-    in_view = camera == "front" or hardest == camera  # a close-up says nothing of what it doesn't show
+    in_view = camera == "front" or hardest == camera  # a close-up's caption names only what it shows
     seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
     seen += f" Most methods are farthest off at the {hardest}." if hardest and in_view else ""
     shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
@@ -136,8 +131,8 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
 
 
 def _hardest_region(means: dict[str, dict[str, float]]) -> str:
-    """Return the region where most methods have their largest mean error, if more than half of them agree."""
-    regions = [{name: mean for name, mean in own.items() if name != WHOLE} for own in means.values()]
-    worst = [max(own, key=own.__getitem__) for own in regions if own]
+    """Return the region where more than half of the methods have their largest mean error, or ""."""
+    regions = [{name: mean for name, mean in by_region.items() if name != WHOLE} for by_region in means.values()]
+    worst = [max(by_region, key=by_region.__getitem__) for by_region in regions if by_region]
     region = max(sorted(set(worst)), key=worst.count, default="")
     return region if 2 * worst.count(region) > len(worst) else ""

@@ -12,9 +12,9 @@ from jaxtyping import Float, Int
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import angle_between, vertex_error
 from replicate.cli.running import make
-from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.face_sheet import LARGEST_BYTES, Cell, cell_width, face_sheet
 from replicate.drawing.marks import balls_in_front
-from replicate.drawing.panels import Words
+from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
@@ -40,7 +40,7 @@ SHOWN = ("refined", "dense", "regional")
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
+    """Return the stages of one character's figure, those of the methods, the slow ones, first."""
     shown = choose(SHOWN, plan.config)
     trained = ik_stage.stage(plan, shown[0])
     settings = PosedPicture(plan.character, tuple(measurement.numbers_of(method, plan.config) for method in shown))
@@ -50,10 +50,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
 
 def draw(context: StageContext) -> None:
-    """Draw some configurations of control points, and the faces that they lead to."""
-    from replicate.drawing.face_sheet import LARGEST_BYTES
-    from replicate.drawing.panels import save_figure
-
+    """Draw the faces that some configurations of control points lead to (Fig. 11)."""
     figure, words = figure11(context.config, context.inputs, context.files)
     save_figure(figure, context.out / f"figure11_{context.config.character}.png", words, LARGEST_BYTES)
 
@@ -68,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
 
 @dataclass(frozen=True)
 class PosedPicture:
-    """Whose figure it is, and what is shown beside the rig; the IK networks are trained through the first."""
+    """The character, and the methods shown beside the rig; the IK networks are trained through the first of them."""
 
     character: str
     methods: tuple[MeasurementNumbers, ...]
@@ -77,7 +74,7 @@ class PosedPicture:
 # Figure 11: a few configurations of control points, and the faces that they lead to: of the rig, and as predicted.
 
 COUNT, TALL = 3, 1.2  # configurations, those with the most points; a picture's height over its width
-FARTHEST_MM = 40.0  # that a vertex is drawn from where the rig has it: some approximations fly apart
+FARTHEST_MM = 40.0  # the largest distance from the rig at which a vertex is drawn: some approximations fly apart
 TITLE = "the rig"
 LINES = ("distance", "normal error")
 
@@ -85,10 +82,11 @@ LINES = ("distance", "normal error")
 def figure11(
     settings: PosedPicture, inputs: Mapping[str, Path], files: Sequence[Path], renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): a row a configuration, the rig first, then each approximation at the same parameters.
+    """Return (figure, words): a row for each configuration, the rig, then the approximations at the same parameters.
 
-    files: that of the character's drags, or none.
+    files: the file of the character's drags, if it has one.
     """
+    # the configurations with the most points, posed
     rig = artefacts.load_rig(inputs)
     fed_by = settings.methods[0].method
     targets = configurations(rig, control_points(rig, artefacts.load_influence(inputs)), files)
@@ -97,7 +95,8 @@ def figure11(
     chosen = np.sort(np.argsort(-dragged, kind="stable")[:COUNT])
     params = ik_stage.load(inputs, fed_by).solve(targets[chosen])
     truth = rig(params)
-    predicted = {one.method: predictor(one, inputs)(params, truth) for one in settings.methods}
+    predicted = {entry.method: predictor(entry, inputs)(params, truth) for entry in settings.methods}
+    # a row of faces for each
     columns = 1 + len(predicted)
     width = cell_width(columns, LINES)
     cells, phrases = [], []
@@ -116,6 +115,7 @@ def figure11(
             cells.append(Cell(title if k == 0 else "", (picture,), lines))
             if title != TITLE:
                 phrases.append(f"row {k + 1}, {title}: {' and '.join(lines)}")
+    # the caption
     errors, source = "; ".join(phrases), method_named(fed_by).label
     whose = with_layout(settings.character, rig.mesh.segment_names)
     return face_sheet(cells, columns, LINES), Words(
@@ -130,14 +130,14 @@ def figure11(
 
 
 def dragged_points(counts: Int[np.ndarray, " k"], points: int) -> str:
-    """Return in words how many of a character's points are dragged; counts: of each configuration."""
+    """Return in words how many of a character's points are dragged. counts: dragged points in each configuration."""
     few, many = counts.min(), counts.max()
     count, verb = (f"{few}", "is" if few == 1 else "are") if few == many else (f"From {few} to {many}", "are")
     return f"{count} of the {points} points {verb} dragged"
 
 
 def held(vertices: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return vertices that are at most FARTHEST_MM from where the rig has them, for a picture to show them."""
+    """Move vertices that lie farther than FARTHEST_MM from the rig's back to that distance, so that a picture fits."""
     apart = vertices - truth
     length = np.linalg.norm(apart, axis=1, keepdims=True)
     return truth + apart * np.minimum(1.0, FARTHEST_MM / np.maximum(length, 1e-9))

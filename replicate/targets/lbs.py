@@ -1,4 +1,4 @@
-"""What linear blend skinning is on a face: bones, weights, errors against their number, and where wrinkles go."""
+"""Show what linear blend skinning does to a face: its bones and weights, errors by their number, lost wrinkles."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 
-BONES = (4, 8, 16, 24, 32, 48, 64)  # those of Table 2, and others
+BONES = (4, 8, 16, 24, 32, 48, 64)  # the numbers of bones in Table 2, and others
 
 
 @dataclass(frozen=True)
 class SkinPicture(Picture):
-    """The same, and up to which normal error the colours go."""
+    """The settings of the figures, with the upper end of the colours of normal errors."""
 
     limit_deg: float
 
@@ -48,8 +48,8 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stage that draws one character's figures, for which skins of more and more bones are fitted."""
     inputs = [artefacts.rig_stage(plan), artefacts.samples_stage(plan), artefacts.shown_pose_stage(plan)]
     inputs += [skinned.stage(plan, bones) for bones in BONES]
-    numbers = SkinPicture(plan.character, plan.config.seed, plan.config.evaluation.heatmap_deg)
-    return [plan.stage("lbs", draw, numbers, *inputs)]
+    settings = SkinPicture(plan.character, plan.config.seed, plan.config.evaluation.heatmap_deg)
+    return [plan.stage("lbs", draw, settings, *inputs)]
 
 
 def draw(context: StageContext) -> None:
@@ -74,21 +74,21 @@ def run(options: argparse.Namespace) -> None:
     publish_pictures("lbs", make(options, stages))
 
 
-# What linear blend skinning makes of a face: its bones, its errors against their number, and where wrinkles go.
+# The pictures and the errors.
 
 HEADER = ("bones", "poses", "rmse_mm", "mean_mm", "normal_deg", "floor_rmse_mm", "floor_normal_deg")
-WEIGHT_BONES = (8, 16, 32)  # numbers of bones whose weights are painted, of those that there are
-WRINKLE_BONES = (16, 32, 64)  # and those shown in a wrinkled pose
+WEIGHT_BONES = (8, 16, 32)  # numbers of bones whose weights are painted
+WRINKLE_BONES = (16, 32, 64)  # numbers of bones shown in a wrinkled pose
 TEST, TRAINING = 200, 64  # poses that errors and the bones' motions are measured on
 ALONE = 6  # bones shown one by one
-GOLDEN = 0.618034  # of a turn of hue from a bone to the next: neighbours differ
-GAMMA = 2.2  # of what is shown: its power is proportional to light
-PALE, DEEP = (236, 236, 232), (178, 24, 43)  # a weight of 0 and of 1
-DITHER = ("1_weights", "2_bones")  # their colours are mixtures
+GOLDEN = 0.618034  # the turn of hue from one bone to the next, so that neighbours differ
+GAMMA = 2.2  # colours to this power are proportional to light
+PALE, DEEP = (236, 236, 232), (178, 24, 43)  # the colours of the weights 0 and 1
+DITHER = ("1_weights", "2_bones")  # pictures whose colours are mixtures
 
 
 def bone_colours(skin: Skin) -> UInt8[np.ndarray, "n 3"]:
-    """Return each vertex's colour: its bones' colours mixed by its weights, as light mixes."""
+    """Return each vertex's colour: the colours of its bones, mixed like light by its weights."""
     from matplotlib.colors import hsv_to_rgb
 
     k = np.arange(skin.bones)
@@ -97,21 +97,26 @@ def bone_colours(skin: Skin) -> UInt8[np.ndarray, "n 3"]:
 
 
 def weight_colours(weights: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"]:
-    """Return a colour for each weight from 0, pale, to 1."""
+    """Return a colour for each weight from 0 (`PALE`) to 1 (`DEEP`)."""
     return np.rint(np.array(PALE) + weights[:, None] * (np.array(DEEP) - PALE)).astype(np.uint8)
 
 
 def weight_picture(
     mesh: Mesh, skins: Mapping[int, Skin], width: int = 250, height: int = 290, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): all weights at once for several numbers of bones, from the front and three-quarters."""
-    numbers = [bones for bones in WEIGHT_BONES if bones in skins] or sorted(skins)
+    """Draw all weights at once for several numbers of bones, from the front and three-quarters; return (figure, words).
+
+    skins: by number of bones
+    width: of one picture, pixels
+    height: of one picture, pixels
+    """
+    counts = [bones for bones in WEIGHT_BONES if bones in skins] or sorted(skins)
     rows = []
     for view in ("front", "three_quarter"):
         draw = partial(render, camera=camera_for(view, mesh.neutral), width=width, height=height, renderer=renderer)
-        rows.append([draw([Surface(mesh.neutral, mesh.faces, paint=bone_colours(skins[b]))]) for b in numbers])
-    in_words = ", ".join(map(str, numbers))
-    return panel_grid(rows, [f"{bones} bones" for bones in numbers]), Words(
+        rows.append([draw([Surface(mesh.neutral, mesh.faces, paint=bone_colours(skins[b]))]) for b in counts])
+    in_words = ", ".join(map(str, counts))
+    return panel_grid(rows, [f"{bones} bones" for bones in counts]), Words(
         f"The head at rest, each vertex in the mixed colours of the bones that move it, for {in_words} bones.",
         f"Weights that SSDR finds for {in_words} bones. Each bone has a colour; a vertex mixes the colours of its "
         "bones (eight at most) by their weights. Where borders are soft, neighbouring bones blend.",
@@ -126,7 +131,12 @@ def one_by_one(
     height: int = 222,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): the bones that move most skin, each alone, with how far it goes in some poses."""
+    """Draw the bones that move the most skin, each alone, with how far it goes; return (figure, words).
+
+    poses: the poses that the motions are measured on, (b, n, 3), mm
+    width: of one picture, pixels
+    height: of one picture, pixels
+    """
     turn, shift = usual_motion(skin, poses)
     dense = skin.dense_weights()
     reach = (dense**2).sum(0) * (shift + 30 * turn)  # a turn moves what lies some 30 mm away
@@ -153,12 +163,16 @@ def wrinkle_picture(
     height: int = 270,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): one wrinkled pose as skins of more and more bones approximate it.
+    """Draw one wrinkled pose as skins of more and more bones approximate it; return (figure, words).
 
-    limit_deg: the upper end of the colours.
+    skins: by number of bones
+    truth: the wrinkled pose, (n, 3), mm
+    limit_deg: the upper end of the colours
+    width: of one picture, pixels
+    height: of one picture, pixels
     """
-    numbers = [bones for bones in WRINKLE_BONES if bones in skins] or sorted(skins)
-    posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in numbers}
+    counts = [bones for bones in WRINKLE_BONES if bones in skins] or sorted(skins)
+    posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in counts}
     view = forehead_camera(mesh.neutral, mesh.faces, truth)
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
     clay = [draw([Surface(vertices, mesh.faces)]) for vertices in (truth, *posed.values())]
@@ -166,7 +180,7 @@ def wrinkle_picture(
     means = {b: float(np.nanmean(normal_error(vertices, truth, mesh.faces))) for b, vertices in posed.items()}
     in_words = ", ".join(f"{bones} bones {mean:.2f}°" for bones, mean in means.items())
     bar = (1, 1, partial(normal_bar, limit_deg=limit_deg))
-    titles = ["Ground truth", *(f"{bones} bones" for bones in numbers)]
+    titles = ["Ground truth", *(f"{bones} bones" for bones in counts)]
     return panel_grid([clay, heat], titles, ("surface", "normal error"), bar), Words(
         f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {limit_deg:g} degrees: {in_words}.",
         "The test pose that folds the forehead most: the truth, then skins whose bones are refitted to it. A fold is a "
@@ -178,11 +192,11 @@ def wrinkle_picture(
 def measured_lines(
     mesh: Mesh, skins: Mapping[int, Skin], truth: Float[np.ndarray, "b n 3"], progress: Progress | None = None
 ) -> list[tuple[int, int, float, float, float, float, float]]:
-    """Return a line of `HEADER` for each skin: its errors on test poses, and those of the best rank that it could have.
+    """Return a line with the columns of `HEADER` for each skin: its errors on test poses, and a floor for them.
 
     With B bones a skin's displacements in all poses, as a matrix (3b, n), have rank 4B at most. No matrix of that rank
-    is closer to the true ones than their truncated singular value decomposition: a floor, and a loose one, since it
-    heeds neither weights nor rotations.
+    is closer to the true ones than their truncated singular value decomposition. So that is a floor, if a loose one:
+    it obeys neither limits on weights nor rotations.
     """
     b, n, _ = truth.shape
     offsets = (truth - mesh.neutral).astype(np.float64).transpose(0, 2, 1).reshape(3 * b, n)
@@ -215,8 +229,8 @@ def curve(lines: Sequence[Mapping[str, str]], character: str) -> "tuple[matplotl
         ("rmse_mm", "floor_rmse_mm", "RMSE, mm"),
         ("normal_deg", "floor_normal_deg", "normal angle error, degrees"),
     )
-    for axes, (own, floor, label) in zip(figure.subplots(1, 2), pairs, strict=True):
-        axes.plot(bones, [float(line[own]) for line in lines], "o-", color="#555555", label="SSDR, refitted")
+    for axes, (column, floor, label) in zip(figure.subplots(1, 2), pairs, strict=True):
+        axes.plot(bones, [float(line[column]) for line in lines], "o-", color="#555555", label="SSDR, refitted")
         axes.plot(bones, [float(line[floor]) for line in lines], "--", color="#009E73", label="PCA floor of rank 4B")
         axes.set_xscale("log", base=2)
         axes.set_yscale("log")
@@ -246,10 +260,14 @@ def save_all(
     stem: Path,
     progress: Progress | None = None,
 ) -> None:
-    """Write all pictures of a character's skins with their words, and the errors as CSV; stem: "…/lbs_teen".
+    """Write all pictures of a character's skins with their words, and the errors as CSV.
 
-    training, test: poses (mm). wrinkle_pose: the test pose that is drawn. limit_deg: the upper end of the
-    colours of normal errors.
+    skins: by number of bones
+    training: the poses that the bones' motions are measured on, (b, n, 3), mm
+    test: the poses that errors are measured on, (t, n, 3), mm
+    wrinkle_pose: the test pose that is drawn, (n, 3), mm
+    limit_deg: the upper end of the colours of normal errors
+    stem: the beginning of all file names, "…/lbs_teen"
     """
     mesh = rig.mesh
     lines = measured_lines(mesh, skins, test, progress)
@@ -266,7 +284,7 @@ def save_all(
 
 
 def lbs_table(file: Path, character: str) -> Table:
-    """Return the errors behind the curves, a number of bones a line."""
+    """Return the errors behind the curves, a line for each number of bones."""
     body = [(line["bones"], *(f"{float(line[name]):.2f}" for name in HEADER[2:])) for line in read_lines(file, HEADER)]
     header = ("bones", "RMSE, mm", "mean, mm", "normal, degrees", "PCA floor: RMSE, mm", "normal, degrees")
     return Table(f"Linear blend skinning of {character}", (header,), tuple(body))

@@ -1,10 +1,12 @@
-"""The numbers of Figures 1, 9 and 10: as rows of results, as printed tables, and as the answer of their notebooks."""
+"""The numbers of Figures 1, 9 and 10: as rows of results, as printed tables, and as a sentence for their notebooks."""
 
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from replicate.base.paths import display_path
+from replicate.drawing.face_sheet import LARGEST_BYTES
+from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method_registry import in_order, method_named
 from replicate.methods.method_registry import methods as all_methods
@@ -30,48 +32,49 @@ from replicate.report.tables import Table, as_text
 from replicate.targets.shown_records import load_records, picture_settings, record_stages
 
 KINDS = {"vertex": "distance error, mm", "normal": "normal error, °"}
-ERROR = re.compile(r"(vertex|normal)_error_mean\[(\w+)\](?:\[(.+)\])?")  # of a pose, by its rule, over a region
+ERROR = re.compile(r"(vertex|normal)_error_mean\[(\w+)\](?:\[(.+)\])?")  # kind, the pose's rule, region
 TITLES = {
     "figure01": "Figure 1: mean errors in the pictures' pose",
     "figure09": "Figure 9: mean normal errors of the forehead",
     "figure10": "Figure 10: mean normal errors",
 }
 RIVALS = {"figure01": ("refined", "lbs32"), "figure09": ("refined", "lbs32"), "figure10": ("refined", "dense")}
-REGIONS = (WHOLE, "forehead", "eyes", "nose", "cheeks", "mouth", "jaw")  # columns; other names stand behind
+REGIONS = (WHOLE, "forehead", "eyes", "nose", "cheeks", "mouth", "jaw")  # columns in order; others come after them
 RULES = {FOLDED: "the forehead folds most", MEDIAN: "the median", WORST: "the worst"}
-Number = tuple[str, str, str, float]  # method, metric, unit, value
+Metric = tuple[str, str, str, float]  # method, metric, unit, value
 
 
 def rows_of(figure: str, records: Mapping[str, PoseRecord], limit_deg: float, profile: str, run: str) -> list[Row]:
-    """Return one character's numbers in Figure 1, 9 or 10, its name as results have it, "figure01".
+    """Return one character's rows of Figure 1, 9 or 10.
 
-    records: by the rule that chose the pose, as `load_records` gives them; of those the figure shows. limit_deg: the
-    upper end of Figure 10's colours. An error's metric has the rule in brackets and, where it isn't of the whole mesh,
-    the region: normal_error_mean[folded][forehead]. The rows of the truth say which test pose it is, how much its
-    forehead folds (Fig. 9) and where the colours end (Fig. 10). A region without normals has no row.
+    An error's metric has the rule of the pose in brackets and, unless it is of the whole mesh, the region:
+    normal_error_mean[folded][forehead]. The rows of the method `TRUTH` say which test pose it is, how much its forehead
+    folds (Fig. 9) and where the colours end (Fig. 10). A region without normals has no row.
+
+    figure: its name in results, "figure01"
+    records: the poses by the rule that chose them, as from `load_records`
+    limit_deg: the upper end of Figure 10's colours
+    profile, run: for the rows' columns
     """
-    numbers = [number for rule in CHOICES if rule in records for number in _numbers(figure, records[rule])]
+    metrics = [metric for rule in CHOICES if rule in records for metric in _metrics(figure, records[rule])]
     if figure == "figure10":
-        numbers.append((TRUTH, "colour_limit", "deg", limit_deg))
+        metrics.append((TRUTH, "colour_limit", "deg", limit_deg))
     character = next(iter(records.values())).character
     return [
         Row(figure, character, method, metric, unit, float(value), None, 1, 1, profile, run)
-        for method, metric, unit, value in numbers
+        for method, metric, unit, value in metrics
         if math.isfinite(value)
     ]
 
 
 def save_rows(context: StageContext, records: Mapping[str, PoseRecord]) -> None:
-    """Write the numbers of a stage's figure, which is called as the stage, to <its name>.csv.
-
-    The stage's settings are a `PosePicture`.
-    """
+    """Write a figure's rows to <figure>.csv. The stage is named like the figure and has the settings `PosePicture`."""
     settings = context.config
     rows = rows_of(context.name, records, settings.limit_deg, settings.profile, run_name(context.inputs))
     write_results(context.out / f"{context.name}.csv", rows)
 
 
-def _numbers(figure: str, record: PoseRecord) -> Iterator[Number]:
+def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
     rule = f"[{record.choice}]"
     if figure != "figure10" and record.choice != FOLDED:
         return
@@ -101,7 +104,7 @@ def _of(region: str) -> str:
 def publish(figure: str, results: Sequence[CharacterResult]) -> None:
     """Write a figure's rows and pictures of some characters to the profile's folder, and print its tables.
 
-    Of several seeds of a character the first is shown, in numbers too: each has test poses of its own.
+    Of several seeds the first is taken, for rows too, since each seed has other test poses.
     """
     for table in pose_tables(publish_rows(figure, [first for first, *_ in by_character(results).values()]), figure):
         print(as_text(table))
@@ -110,32 +113,33 @@ def publish(figure: str, results: Sequence[CharacterResult]) -> None:
 
 
 def pose_tables(rows: Iterable[Row], figure: str) -> list[Table]:
-    """Return the numbers of a figure: of Figure 10 a table for each character, of the others one for all of them."""
-    own = [row for row in rows if row.table == figure]
-    characters = characters_of(own)
+    """Return the tables of a figure: for Figure 10 one for each character, for the others one for all of them."""
+    rows = [row for row in rows if row.table == figure]
+    characters = characters_of(rows)
     groups = [[name] for name in characters] if figure == "figure10" else [characters] if characters else []
-    return [_table([row for row in own if row.character in group], figure, group) for group in groups]
+    return [_table([row for row in rows if row.character in group], figure, group) for group in groups]
 
 
 def _table(rows: Sequence[Row], figure: str, characters: Sequence[str]) -> Table:
-    """Return a table with a line for each method: of Figure 10 under a heading for each pose, with a column for each
-    region; of the others with a column for each character.
+    """Return a table with a line for each method.
+
+    Figure 10 has a heading for each pose and a column for each region, the others have a column for each character.
     """
     errors, by_region = _errors(rows), figure == "figure10"
-    found = dict.fromkeys((kind, region if by_region else who) for who, *_, kind, region in errors)
+    found = dict.fromkeys((kind, region if by_region else character) for character, *_, kind, region in errors)
     columns = sorted(found, key=lambda column: [*KINDS].index(column[0]))
     body: list[tuple[str, ...]] = []
     for rule in dict.fromkeys(rule for _, rule, *_ in errors):
-        poses = [find(rows, figure, who, TRUTH, f"test_pose[{rule}]") for who in characters]
+        poses = [find(rows, figure, character, TRUTH, f"test_pose[{rule}]") for character in characters]
         names = [f"{pose.value:.0f}" if pose else "–" for pose in poses]
         if by_region:
             body.append((f"test pose {names[0]}, {RULES[rule]}", *[""] * len(columns)))
         else:
-            body.append(("test pose", *(names[characters.index(who)] for _, who in columns)))
+            body.append(("test pose", *(names[characters.index(character)] for _, character in columns)))
         for method in in_order({method for _, by, method, *_ in errors if by == rule}):
             cells = {
-                (kind, region if by_region else who): f"{value:.2f}"
-                for (who, by, name, kind, region), value in errors.items()
+                (kind, region if by_region else character): f"{value:.2f}"
+                for (character, by, name, kind, region), value in errors.items()
                 if (by, name) == (rule, method)
             }
             body.append((panel_title(method), *(cells.get(column, "–") for column in columns)))
@@ -148,7 +152,7 @@ def _table(rows: Sequence[Row], figure: str, characters: Sequence[str]) -> Table
 
 
 def _errors(rows: Iterable[Row]) -> dict[tuple[str, str, str, str, str], float]:
-    """Return the mean errors among some rows by character, rule, method, kind and region, in the order of tables."""
+    """Return the rows' mean errors by (character, rule, method, kind, region), in the order of tables."""
     found = {}
     for row in rows:
         if match := ERROR.fullmatch(row.metric):
@@ -165,12 +169,12 @@ def _errors(rows: Iterable[Row]) -> dict[tuple[str, str, str, str, str], float]:
 
 
 def answer(rows: Iterable[Row], figure: str) -> str:
-    """Return what a figure says, in a sentence or two: in how many poses the paper's claim holds, and who is nearest.
+    """Return a figure's result in a sentence or two: in how many poses the paper's claim holds, and the best method.
 
-    Poses are compared by the normal error: of the whole mesh, or the forehead's where the figure has it alone.
+    It is by the normal error of the whole mesh, or of the forehead if the figure has no other.
     """
-    own = [row for row in rows if row.table == figure]
-    errors = _errors(own)
+    rows = [row for row in rows if row.table == figure]
+    errors = _errors(rows)
     regions = {region for *_, region in errors}
     region = WHOLE if WHOLE in regions else next(iter(regions), WHOLE)
     poses: dict[tuple[str, str], dict[str, float]] = {}
@@ -185,21 +189,21 @@ def answer(rows: Iterable[Row], figure: str) -> str:
         sentences.append(
             f"**“{plain_name(first)}” has smaller normal errors than “{plain_name(other)}” in {nearer}**: "
             f"{_range(pose[first] for pose in both)} against {_range(pose[other] for pose in both)}, "
-            f"means over the {region}{_distances(own, first, other)}."
+            f"means over the {region}{_distances(rows, first, other)}."
         )
-    blind = [{name: own[name] for name in own if not method_named(name).oracle} for own in poses.values()]
-    best = [min(own, key=own.__getitem__) for own in blind if own]
+    blind = [{name: pose[name] for name in pose if not method_named(name).oracle} for pose in poses.values()]
+    best = [min(pose, key=pose.__getitem__) for pose in blind if pose]
     if best:
         most = max(in_order(best), key=best.count)
         sentences.append(
             f"Of all that see rig parameters alone, “{plain_name(most)}” is the nearest in "
-            f"{_share(best.count(most), best)}, with {_range(own[most] for own in blind if most in own)}."
+            f"{_share(best.count(most), best)}, with {_range(pose[most] for pose in blind if most in pose)}."
         )
     return " ".join(sentences)
 
 
 def _distances(rows: Sequence[Row], first: str, other: str) -> str:
-    """Return the mean distances of two methods, where the rows have them of both."""
+    """Return the mean distances of two methods in brackets, or "" if the rows lack those of either."""
     values = [
         [row.value for row in rows if row.method == name and row.metric.startswith("vertex_error_mean")]
         for name in (first, other)
@@ -219,22 +223,21 @@ def _share(count: int, poses: Sequence[object]) -> str:
 
 
 def _range(values: Iterable[float], unit: str = "°") -> str:
-    """Return the smallest and the largest of some values with their unit; once where they are shown alike."""
+    """Return the smallest and the largest value with their unit, or one of them if both look the same."""
     each = list(values)
     low, high = f"{min(each):.2f}", f"{max(each):.2f}"
     return f"{low}{unit}" if low == high else f"{low}{unit if unit == '°' else ''} to {high}{unit}"
 
 
-# Figures of one test pose, the one whose forehead folds most: as it is, and as a few methods have it.
+# Figures of the test pose whose forehead folds most: the truth, and the predictions of a few methods.
 
 
 def folded_pose_stages(
     plan: Plan, figure: str, names: Sequence[str], draw: Callable[[StageContext], None]
 ) -> list[Stage]:
-    """Return the stages of one character's figure; those of the methods, the slow ones, come first.
+    """Return the stages of one character's figure, those of the methods, the slow ones, first.
 
-    figure: the name of the last stage. names: of the methods; those that the registry lacks are left out. draw: the
-    last stage's function.
+    figure: the name of the last stage. names: the methods; unknown ones are left out. draw: the last stage's function.
     """
     registry = all_methods(plan.config)
     shown = [registry[name] for name in names if name in registry]
@@ -242,13 +245,10 @@ def folded_pose_stages(
 
 
 def save_folded_pose(context: StageContext, figure_of: Callable[[PoseRecord], tuple]) -> None:
-    """Draw the pose of a stage's character and save the figure, which is called as the stage, and its numbers.
+    """Draw the pose of a stage's character, and save the figure, which is named like the stage, and its numbers.
 
-    figure_of: the pose → (figure, words), as `save_figure` takes them.
+    figure_of: the pose → (figure, words), for `save_figure`.
     """
-    from replicate.drawing.face_sheet import LARGEST_BYTES
-    from replicate.drawing.panels import save_figure
-
     records = load_records(context.config.character, context.inputs)
     figure, words = figure_of(records[FOLDED])
     save_figure(figure, context.out / f"{context.name}_{context.config.character}.png", words, LARGEST_BYTES)

@@ -1,4 +1,4 @@
-"""A page to pose a face in (§5.3.1): one HTML file a character and method, which opens in a browser from disk."""
+"""Write pages to pose a face in (§5.3.1): an HTML file for each character and method, which a browser opens."""
 
 import argparse
 from collections.abc import Sequence
@@ -10,25 +10,29 @@ from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.cli.options import methods
 from replicate.cli.running import make
+from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.inverse import ik_stage
 from replicate.methods import artefacts, regional
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
-from replicate.poser.pack import EVALUATED
+from replicate.poser.pack import EVALUATED, SOURCES
 from replicate.report.publication import publish_files
 
 if TYPE_CHECKING:
     from replicate.poser.contents import PosedFace
 
-LARGEST_MB = 12  # of a page that opens at once
+LARGEST_MB = 12  # larger pages open slowly
 
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Whose pages they are, the profile of the networks, and the seed that the poses to check are drawn with.
+    """The settings of a character's pages.
 
-    models: "module:function" of each method's model, by its name. pictured: whether a browser is asked for pictures.
+    profile: of the networks
+    seed: of the networks, and of the poses that a page is checked in
+    models: (method, "module:function" of its model) for each page
+    pictured: whether a browser draws pictures
     """
 
     character: str
@@ -39,12 +43,8 @@ class PageSettings:
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's pages, one a method; those that train, the slow ones, come first.
-
-    Methods that no page evaluates are left out.
-    """
+    """Return the stages of one character's pages, those that train first; a page can't evaluate every method."""
     from replicate.poser.browser_pictures import browser
-    from replicate.poser.pack import SOURCES
 
     shown = [method for method in methods if method.name in EVALUATED] or [regional.METHOD]
     slow = [stage for method in shown for stage in (*method.stages(plan), ik_stage.stage(plan, method))]
@@ -58,7 +58,6 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
 def write(context: StageContext) -> None:
     """Write the pages of one character, and pictures of the first one in a browser."""
-    from replicate.drawing.panels import save_figure
     from replicate.poser.browser_pictures import browser, strip
 
     faces = [write_page(context, method, model) for method, model in context.config.models]
@@ -69,7 +68,7 @@ def write(context: StageContext) -> None:
 
 
 def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFace, Path]":
-    """Write the page of one method, return its face and its file; model: "module:function" of what reads the model."""
+    """Write the page of one method; return its face and its file. model: "module:function" that reads the model."""
     from replicate.poser.contents import as_on_page
     from replicate.poser.face_page import face_page
     from replicate.poser.notebook import read_face
@@ -88,7 +87,7 @@ def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFa
 def run(options: argparse.Namespace) -> None:
     """Write the pages of every character and publish them."""
     folder, files = publish_files("poser", make(options, lambda plan: stages(plan, chosen(options, plan))))
-    for name in (name for own in files.values() for name in own if not name.endswith(".json")):
+    for name in (name for names in files.values() for name in names if not name.endswith(".json")):
         if name.endswith(".png"):
             print(f"written to {paths.display_path(folder / name)}: the page in a browser, while points are dragged")
             continue
@@ -100,9 +99,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def chosen(options: argparse.Namespace, plan: Plan) -> Sequence[Method]:
-    """Return the methods that are named. Raises InputError for one that a page can't evaluate."""
+    """Return the chosen methods. Raises InputError for one that a page can't evaluate."""
     shown = methods(options, plan.config)
     for method in shown:
         if method.name not in EVALUATED:
-            raise InputError(f"method {method.name!r} has no page to pose in: allowed are {', '.join(EVALUATED)}")
+            raise InputError(f"method {method.name!r} has no page to pose in; {', '.join(EVALUATED)} have one")
     return shown

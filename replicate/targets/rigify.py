@@ -1,4 +1,4 @@
-"""A rig that nobody here made: samples of Blender's Rigify face rig on a head of ours, and its Table 2."""
+"""Sample a rig that we did not write, Blender's Rigify face rig on a head of ours, and make Table 2 of it."""
 
 import argparse
 
@@ -9,7 +9,7 @@ from replicate.config import PROFILES, SamplesConfig, check_profile
 from replicate.targets import table2
 
 HEAD = "woman"
-SPARE = 1.25  # poses for each that trains: those drawn from frames that are held out can't
+SPARE = 1.25  # poses to write for each training sample: those from held-out frames can't be used for training
 
 
 def run(options: argparse.Namespace) -> None:

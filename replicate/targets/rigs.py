@@ -1,4 +1,4 @@
-"""Sheets of the characters: what each is, what it can express, and all of them side by side."""
+"""Draw sheets of the characters: each by itself, its expressions, and all of them side by side."""
 
 import argparse
 from collections.abc import Sequence
@@ -17,6 +17,8 @@ from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid,
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import PORTRAIT, STUDIO, Surface, camera_for, frame_surfaces
+from replicate.methods import artefacts
+from replicate.report.publication import results_folder
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -24,20 +26,15 @@ if TYPE_CHECKING:
 
 def run(options: argparse.Namespace) -> None:
     """Draw the sheets of every character, and one picture of all."""
-    from replicate.methods.artefacts import rig_of
-    from replicate.report.publication import results_folder
-
     folder = results_folder("rigs")
-    rigs = [rig_of(character) for character in characters(options)]
+    rigs = [artefacts.rig_of(character) for character in characters(options)]
     for rig in rigs:
         for file in draw_sheets(rig, folder):
             print(f"written to {paths.display_path(file)}")
     print(f"written to {paths.display_path(draw_line_up(rigs, folder))}")
 
 
-# Sheets of the characters: what each is, what it can express, and all of them side by side.
-
-# Twelve that a stranger should recognise without the label.
+# Twelve expressions that a stranger should recognise without the label.
 EXPRESSIONS = (
     "neutral", "joy", "laugh", "surprise", "anger", "sadness", "fear", "disgust", "kiss", "smirk", "shout", "yawn",
 )  # fmt: skip
@@ -45,10 +42,10 @@ COLUMNS = 6
 
 
 def draw_sheets(rig: Rig, folder: Path, renderer: str | None = None) -> list[Path]:
-    """Draw a rig's two sheets into a folder and return the files; `rig`: any that keeps the Rig contract."""
+    """Draw a rig's two sheets into a folder and return the files. rig: any that keeps the Rig contract."""
     poses = expression_poses(rig)
-    own = EXPRESSIONS if has_function(rig) else poses
-    selection = {name: poses[name] for name in own if name in poses}
+    names = EXPRESSIONS if has_function(rig) else poses
+    selection = {name: poses[name] for name in names if name in poses}
     sheets = {
         "sheet": rig_sheet(rig, renderer=renderer),
         "expressions": expression_sheet(rig, selection, COLUMNS, width=240, height=262, renderer=renderer),
@@ -65,24 +62,24 @@ def draw_line_up(rigs: Sequence, folder: Path, renderer: str | None = None) -> P
     return folder / "characters.png"
 
 
-# What a character is: three views, its edges and the charts of its segments; and all characters side by side.
+# A character's sheet: three views, its edges and the charts of its segments; and all characters side by side.
 
 VIEWS = ("front", "three_quarter", "side")
-# Of the charts, one after the other: soft enough for lines, and distinct to readers who see fewer colours.
+# The charts' colours in turn: pale enough for lines on them, and distinct to colour-blind readers.
 CHART_COLOURS = ("#b5d3ea", "#f6cfa3", "#b9dfc6", "#eec3d2", "#dcd0ea", "#e8e2a8", "#c3dfe6", "#d9c9b8")
 
 
 def chart_names(rig: Rig) -> list[str]:
-    """Return the segments whose charts networks fill: all that aren't teeth."""
+    """Return the segments with charts that networks fill: all but teeth."""
     return [name for name in rig.mesh.segment_names if not name.startswith(("tooth", "teeth"))]
 
 
 def rig_sheet(
     rig: Rig, width: int = 310, height: int = 340, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): a rig from three sides and as a wireframe, and below them each segment's chart.
+    """Draw a rig from three sides and as a wireframe, and below them each segment's chart; return (figure, words).
 
-    rig: any that keeps the Rig contract.
+    rig: any that keeps the Rig contract. width, height: the size of one picture, pixels.
     """
     from matplotlib.figure import Figure
     from matplotlib.textpath import TextPath

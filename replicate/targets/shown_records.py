@@ -1,4 +1,4 @@
-"""The test poses that figures show, put together from the artefacts of a run; and the stages that make those."""
+"""Put together the test poses that figures show from the artefacts of a run, and list the stages that make those."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,9 +22,7 @@ from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, loa
 
 @dataclass(frozen=True)
 class PosePicture:
-    """Whose poses are drawn as results of which profile, up to which normal error the colours go, and what the methods
-    are called.
-    """
+    """The settings of a figure of poses; limit_deg: the upper end of the colours; titles: the methods' titles."""
 
     character: str
     profile: str
@@ -39,9 +37,10 @@ def picture_settings(plan: Plan, methods: Sequence[Method]) -> PosePicture:
 
 
 def input_stages(plan: Plan, methods: Sequence[Method], typical: bool = True) -> list[Stage]:
-    """Return the stages whose artefacts `load_records` reads. typical: with the median and the worst pose.
+    """Return the stages whose artefacts `load_records` reads.
 
-    Without the method that ranks them, these are the poses that the committed results show.
+    typical: with the median and the worst pose. If `methods` lack the one that ranks poses, the committed results say
+    which these are.
     """
     shared = [
         stage(plan)
@@ -60,9 +59,13 @@ def record_stages(
     settings: object,
     typical: bool = True,
 ) -> list[Stage]:
-    """Return the stages that end with one that reads `load_records`; those of the methods, the slow ones, come first.
+    """Return the stages of a figure or table that needs `load_records`, those of the methods, the slow ones, first.
 
-    name, function, settings: of the last stage, as for `Plan.stage`. typical: as for `input_stages`.
+    methods: the methods whose predictions are shown
+    name: of the last stage
+    function: of the last stage
+    settings: of the last stage, as for `Plan.stage`
+    typical: as for `input_stages`
     """
     inputs = input_stages(plan, methods, typical)
     last = plan.stage(name, function, settings, *inputs)
@@ -70,23 +73,23 @@ def record_stages(
 
 
 def committed_poses(plan: Plan) -> KnownPoses | None:
-    """Return the median and the worst pose that the committed results show, if they are of the plan's samples."""
+    """Return the median and the worst pose of the committed results, if those have the plan's samples, or None."""
     samples, character = artefacts.samples_stage(plan), plan.character
     entry = manifest.entries(paths.REFERENCE, manifest.TOP).get(character, {})
-    is_first = plan.config.seed == min(entry.get("seeds", ()), default=None)  # poses are of a character's first seed
+    is_first = plan.config.seed == min(entry.get("seeds", ()), default=None)  # committed poses are of the first seed
     if not is_first or entry.get("stages", {}).get(samples.title, {}).get("key") != samples.key:
         return None
     try:
         median, worst = (load_pose(pose_file(paths.REFERENCE, character, choice)) for choice in typical_poses.CHOICES)
-    except InputError:  # of a face from elsewhere there are no poses
+    except InputError:  # no poses are committed of a face from elsewhere
         return None
     return KnownPoses(median.ranked_by, median.pose, worst.pose)
 
 
 def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRecord]:
-    """Return the test poses that the artefacts of `input_stages` hold, by the rule that chose them.
+    """Return the test poses in the artefacts of `input_stages`, by the rule that chose them.
 
-    The pose with the most folds has the vertices of every method, the others those of the methods that figures show.
+    The pose with the most folds has the vertices of every method, the others only of the methods that figures show.
     """
     rig, samples = artefacts.load_rig(inputs), artefacts.load_samples(inputs)
     mesh, regions = rig.mesh, face_regions(rig.mesh, rig.face_marks, rig.face_mark_regions)
@@ -108,15 +111,19 @@ def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRe
     return records
 
 
-# What Table 4 and Figure 11 end with: a stage that sees methods, IK networks and a character's drags.
+# The last stage of Table 4 and Figure 11, which reads methods, IK networks and a character's drags.
 
 
 def posing_stage(
     plan: Plan, name: str, function: Callable, settings: object, methods: Sequence[Method], inputs: Iterable[Stage]
 ) -> Stage:
-    """Return a stage that poses a character by its drags; the code that its methods are read with counts as its own.
+    """Return a stage that poses a character by its drags; an edit of the code that reads its methods runs it anew.
 
-    function, settings: as for `Plan.stage`. inputs: what it needs; a stage that is named twice counts once.
+    name: of the stage
+    function: of the stage
+    settings: of the stage, as for `Plan.stage`
+    methods: the methods that it evaluates
+    inputs: the stages that it needs; repeated ones are dropped
     """
     readers = [source for method in methods for source in reading(method, plan.config).sources]
     functions = ", ".join(dict.fromkeys(map(reference, (function, *readers))))
@@ -129,7 +136,7 @@ def posing_stage(
 
 @dataclass(frozen=True)
 class Picture:
-    """Whose figure is drawn, and the seed that decides its examples."""
+    """The character of a figure, and the seed that picks its examples."""
 
     character: str
     seed: int

@@ -1,4 +1,4 @@
-"""Which targets are up to date, how much of the others is to be made, and what the cache holds."""
+"""Print which targets are up to date, how much is missing of the others, and what the cache holds."""
 
 import argparse
 import gc
@@ -8,6 +8,7 @@ from data_recipes.recipe_paths import sample_folder
 from replicate.base import paths
 from replicate.cli.options import configurations, methods
 from replicate.cli.running import duration, known_times, times_s, wall_s
+from replicate.cli.target_list import targets
 from replicate.engine.cache_report import UP_TO_DATE, Entry, inventory, known_titles, states
 from replicate.engine.provenance import core_count
 from replicate.engine.stage import Stage, in_order
@@ -17,9 +18,9 @@ DONE, BEGUN, NEVER = UP_TO_DATE, "artefacts to make", "never made"
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print a line a target, or with `details` a line an artefact, then what the cache holds; no file is hashed."""
+    """Print a line for each target, or with `details` for each artefact, then what the cache holds; hash no file."""
     collects = gc.isenabled()
-    gc.disable()  # sources become trees of many nodes without circles: looking for some takes a fifth of the time
+    gc.disable()  # parsed sources are many nodes without cycles; collecting would take a fifth of the time
     try:
         _print_state(options)
     finally:
@@ -37,16 +38,14 @@ def _print_state(options: argparse.Namespace) -> None:
     else:
         cores, known, titles = core_count(), known_times(paths.REFERENCE), known_titles()
         there = {name for name, (_, state) in found.items() if state == UP_TO_DATE}
-        print(f"profile {options.profile}; times as on the cores of the reference results, with {cores} of them\n")
+        print(f"profile {options.profile}; times are estimated for {cores} cores like those of the reference results\n")
         for name, each in graphs.items():
             print(f"{name:15} {target_line(each, there, titles, known, cores)}")
     print(f"\n{cache_line(inventory())} in {paths.cache_folder()}")
 
 
 def _graphs(options: argparse.Namespace) -> dict[str, dict[str, Sequence[Stage]]]:
-    """Return the stages of each target that has some, by the names of characters, with their seeds, that bear it."""
-    from replicate.cli.target_list import targets
-
+    """Return the stages of each target that has any: by target, then by character, with the seed in its name."""
     graphs: dict[str, dict[str, Sequence[Stage]]] = {}
     for config in configurations(options):
         plan, rows = Plan(config), methods(options, config)
@@ -62,10 +61,13 @@ def _graphs(options: argparse.Namespace) -> dict[str, dict[str, Sequence[Stage]]
 def target_line(
     graphs: Mapping[str, Sequence[Stage]], there: set[str], titles: set[str], known: Mapping, cores: int
 ) -> str:
-    """Return how far a target is, in a line: "teen: up to date; woman, toon: 34 of 57 artefacts to make, about 12 min".
+    """Describe a target's state: "teen: up to date; woman, toon: 34 of 57 artefacts to make, about 12 min".
 
-    graphs: each character's stages, its result last. there: the identifiers of artefacts that are up to date. titles:
-    of all that were ever made, and are still there. known: times of stages, as `known_times` gives them.
+    graphs: each character's stages, the result last
+    there: identifiers of the artefacts that are up to date
+    titles: the titles of all artefacts in the cache, stale ones too
+    known: times of stages, from `known_times`
+    cores: the number of cores that the time is estimated for
     """
     groups: dict[str, list[str]] = {DONE: [], BEGUN: [], NEVER: []}
     for name, graph in graphs.items():
@@ -84,7 +86,7 @@ def target_line(
 
 
 def cache_line(entries: Iterable[Entry]) -> str:
-    """Return how many folders, of what size, the cache holds in each state, in a line."""
+    """Return the number and the size of the cache's folders in each state, in a line."""
     sizes: dict[str, list[int]] = {}
     for entry in entries:
         sizes.setdefault(entry.state, []).append(entry.size_bytes)

@@ -33,7 +33,7 @@ def write(folder, files):
 @pytest.mark.parametrize("name", BAD)
 def test_a_name_that_is_no_plain_one_of_the_target_is_refused(tmp_path, name):
     write(tmp_path, ["figure05_teen.png", name])
-    with pytest.raises(InputError, match=r"manifest\.json: files of teen in figure05 hold .*plain names"):
+    with pytest.raises(InputError, match=r"manifest\.json, files of teen in figure05: expected plain names"):
         manifest.section(tmp_path, "figure05")
     assert manifest.entries(tmp_path, "figure05") == {}, "publishing would remove it"
 

@@ -269,7 +269,7 @@ def test_balance_is_told_of_the_characters_whose_manifest_has_it(folder, monkeyp
 def test_parameters_replace_values_and_keep_comments():
     source = 'RESULTS = "reference"  # or another\nLIMIT = 10.0'
     assert with_parameters(source, {"RESULTS": "quick"}) == 'RESULTS = "quick"  # or another\nLIMIT = 10.0'
-    with pytest.raises(InputError, match="assigns SEED 0 times"):
+    with pytest.raises(InputError, match="to assign SEED once, got 0 times"):
         with_parameters(source, {"SEED": 1})
 
 
@@ -302,6 +302,6 @@ def test_a_notebook_is_executed_to_the_same_bytes_each_time(tmp_path, capsys):
 
 def test_an_unknown_notebook_or_run_gets_one_sentence(capsys):
     assert main(["table9", "reference"]) == 2
-    assert "there is no such notebook; allowed are" in capsys.readouterr().err
+    assert "there is no such notebook; there are" in capsys.readouterr().err
     assert main(["table2", "no-such-profile"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

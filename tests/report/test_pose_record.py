@@ -61,7 +61,7 @@ def test_the_same_record_gives_the_same_bytes(tmp_path):
 def test_a_file_that_is_no_pose_is_named(tmp_path, content):
     path = tmp_path / "table2_pose_teen.npz"
     path.write_bytes(content)
-    with pytest.raises(InputError, match="found no pose"):
+    with pytest.raises(InputError, match="expected a pose"):
         load_pose(path)
     with pytest.raises(InputError, match="make table2"):
         load_pose(tmp_path / "missing.npz")

@@ -177,11 +177,11 @@ def test_whole_clips_have_a_folder_of_their_own_and_are_not_mixed_with_frames(fo
     assert read_results(apart / "table2.csv") == [row("teen")] and not (reference_folder / "table2.csv").exists()
     both = {"teen": {**CLEAN, "split": "clips"}, "tiny": {**CLEAN, "split": "frames"}}
     manifest.write_entries(run, "table2", both)
-    with pytest.raises(InputError, match=r"Table 2 is of several splits \(teen clips, tiny frames\): publish one"):
+    with pytest.raises(InputError, match=r"Table 2 has several splits \(teen clips, tiny frames\): publish one"):
         reference.publish_reference("laptop")
     manifest.write_entries(run, "table2", {"teen": {**CLEAN, "split": "clips"}})
     run.rename(run.with_name("paper"))
-    with pytest.raises(InputError, match=r"whole clips have a folder for one profile, not paper"):
+    with pytest.raises(InputError, match=r"results on whole clips can't be published with the profile paper"):
         reference.publish_reference("paper")
 
 
@@ -226,5 +226,5 @@ def test_without_results_the_target_that_makes_them_is_named(folders):
 
 
 def test_a_readme_without_its_marks_is_refused():
-    with pytest.raises(InputError, match=r"found no lines .*table2, by make reference"):
+    with pytest.raises(InputError, match=r"expected the lines .*table2, by make reference"):
         reference.with_table("# A text\n", "table2", Table("", (("a",),), (("b",),)))

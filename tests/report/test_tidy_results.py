@@ -66,7 +66,7 @@ def test_the_papers_own_numbers_are_published_ones():
         ("bench", "bench: there are no results yet; `make bench-rig`"),
         (
             "latpop",
-            "named 'latpop': allowed are reference, reference_paper_profile, reference_clips, reference_gpu, "
+            "named 'latpop'; there can be reference, reference_paper_profile, reference_clips, reference_gpu, "
             "published, quick, laptop, paper, bench",
         ),
         ("../laptop", "no results named '../laptop'"),

@@ -146,14 +146,14 @@ def test_a_model_that_is_off_is_not_written(inputs, tmp_path, monkeypatch):
     monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda _: PosedRig())
     still = lambda model, params: np.zeros((len(params), 341, 3))  # noqa: E731
     monkeypatch.setattr("replicate.deployment.onnx_model.posed", still)
-    with pytest.raises(RuntimeError, match=r"coarse as ONNX is .* mm off, where 0.001 mm are allowed"):
+    with pytest.raises(RuntimeError, match=r"coarse as ONNX is .* mm off; expected at most 0.001 mm"):
         run_stage(deploy.write, inputs, "deploy", DeploySettings("small", "quick", 0, METHODS), tmp_path)
 
 
 def test_methods_without_a_model_are_left_out_of_many_and_refused_by_name():
     many = (coarse.METHOD, neutral_pose.METHOD, linear.METHOD)
     assert deploy.deployable(many, "all") == [coarse.METHOD, linear.METHOD]
-    with pytest.raises(InputError, match="method 'neutral' has no model to write: it is no function of rig parameters"):
+    with pytest.raises(InputError, match="method 'neutral' has no model to write: it needs more than rig parameters"):
         deploy.deployable(many, ["coarse,neutral"])
     with pytest.raises(InputError, match="method 'lbs16' has no model to write"):
         deploy.deployable(skinned.methods_of(None)[:1], "lbs")

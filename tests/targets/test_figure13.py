@@ -27,7 +27,7 @@ from replicate.targets.figure13.moved import rows_of
 from replicate.targets.figure13.shown import LABELS, tables13
 from replicate.transfer.new_mesh_poses import WAYS
 
-NUMBERS = moved.MovedNumbers(0, 10, 0, shifts=(0.0, 1.0, 4.0), turns_deg=(5.0,), draws=2, moved_poses=99)
+NUMBERS = moved.MovedSettings(0, 10, 0, shifts=(0.0, 1.0, 4.0), turns_deg=(5.0,), draws=2, moved_poses=99)
 
 
 def write_model(folder, segments, config) -> None:
@@ -54,7 +54,7 @@ def inputs(tmp_path_factory):
     write_model(artefacts["coarse"], segments, CoarseConfig(map_size=16))
     squares = square_segments(segments[0], np.array([[0.3, 0.7]]), small_influence(mesh), 0.4)
     write_model(artefacts["refined"], squares, RefinementConfig(map_size=32))
-    shares = moved.NewMeshNumbers(tuple(moved.SHARES.values()))
+    shares = moved.NewMeshSettings(tuple(moved.SHARES.values()))
     artefacts, notes = run_stage(moved.make_meshes, artefacts, "new_meshes", shares, folder)
     assert notes["vertices"]["quarter"] < notes["vertices"]["half"] < (mesh.segment < 2).sum()
     return run_stage(moved.move_meshes, artefacts, "moved_meshes", NUMBERS, folder)[0]
@@ -134,7 +134,7 @@ def test_other_faces_are_measured_against_their_rigs_where_controls_have_the_sam
     folders = inputs | {f"landmark_rig-{name}": tmp_path / name for name in rigs}
     monkeypatch.setattr("replicate.capture.landmark_rig.load_landmark_rig", lambda own: rigs[own["landmark_rig"].name])
     for name in OTHERS:
-        numbers = moved.OtherNumbers("tiny", name, 0, 10, 0)
+        numbers = moved.OtherSettings("tiny", name, 0, 10, 0)
         folders, notes = run_stage(moved.move_others, folders, f"onto_{name}", numbers, tmp_path)
         assert notes["landmarks"] == 12 and notes["scale"] == pytest.approx(rigs[name].size)
     distance = {mean.method: mean.distance_mm for mean in moved.load_other_means(folders["onto_twice"])}

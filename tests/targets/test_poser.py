@@ -11,7 +11,7 @@ from replicate.targets import poser
 
 def test_a_method_that_no_page_evaluates_is_refused_in_a_sentence(capsys):
     assert cli.main(["poser", "--methods", "dense"]) == 2
-    sentence = "method 'dense' has no page to pose in: allowed are regional, coarse, refined\n"
+    sentence = "method 'dense' has no page to pose in; regional, coarse, refined have one\n"
     assert capsys.readouterr().err == sentence
 
 

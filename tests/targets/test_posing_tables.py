@@ -11,7 +11,7 @@ from replicate.methods.plan import Plan
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 from replicate.targets import table4
-from replicate.targets.table4.rows import PosingNumbers, Source, feeder
+from replicate.targets.table4.rows import PosingSettings, Source, feeder
 from replicate.targets.table4.tables import feeding_table, networks_table, posing_table, tables4
 
 
@@ -73,4 +73,4 @@ def test_what_the_networks_reach_has_a_line_each():
 )
 def test_the_refined_models_networks_feed_all_methods_but_for_toothless(own_gradients, sources, method, expected):
     sources = tuple(Source(name, "") for name in sources)
-    assert feeder(PosingNumbers("teen", "quick", 0, own("quick"), (), sources, own_gradients), method) == expected
+    assert feeder(PosingSettings("teen", "quick", 0, own("quick"), (), sources, own_gradients), method) == expected

@@ -14,7 +14,7 @@ from replicate.methods.method_registry import choose
 from replicate.methods.plan import Plan
 from replicate.targets import table3
 from replicate.targets.table3 import rows
-from replicate.targets.table3.rows import RigNumbers, RowsNumbers
+from replicate.targets.table3.rows import RigSettings, RowsSettings
 from replicate.timing.single_poses import Turns, Way
 
 METHODS = choose(["coarse", "lbs16", "linear"])
@@ -30,7 +30,7 @@ def test_rigs_of_a_run_are_timed_together_and_each_reads_its_own_artefacts():
     titles = [stage.title for stage in timing.inputs]
     assert timing.title == "timing-2_rigs" and timing.threads == 0 and len(titles) == len(set(titles))
     artefacts = {title: Path(title) for title in titles}
-    first, second = (one.own(artefacts) for one in timing.config.rigs)
+    first, second = (rig.inputs_of(artefacts) for rig in timing.config.rigs)
     assert [own["coarse"].name for own in (first, second)] == ["coarse-tiny", "coarse-tiny-seed1"]
     assert first["rig"] == second["rig"] and "lbs16" not in first, "an oracle has no time"
     assert {*first.values(), *second.values()} == {*artefacts.values()}
@@ -55,7 +55,7 @@ def test_a_later_measurement_is_another_one():
 def test_the_rows_of_a_character_are_a_file_of_the_measurement(tmp_path):
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "tiny-seed0.csv").write_text("rows")
-    settings = RowsNumbers("tiny-seed0.csv")
+    settings = RowsSettings("tiny-seed0.csv")
     table3.read_rows(StageContext("table3", settings, {"timing": tmp_path / "in"}, tmp_path, tmp_path))
     assert (tmp_path / "table3.csv").read_text() == "rows"
 
@@ -83,7 +83,7 @@ def rounds(monkeypatch):
             assert sum(done) == total
 
         rigs = {
-            RigNumbers(name, "quick", (), (), count, (), ""): SimpleNamespace(
+            RigSettings(name, "quick", (), (), count, (), ""): SimpleNamespace(
                 turns={where: Recorder(name, where) for where in ("all", "one")}
             )
             for name, count in evaluations.items()

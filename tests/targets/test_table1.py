@@ -28,7 +28,7 @@ from replicate.geometry.mesh import Mesh
 from replicate.report.results import STANDS_FOR, characters_of, find, read_results, write_results
 from replicate.report.tables import as_markdown, as_text
 from replicate.targets.compare import compare
-from replicate.targets.table1.rows import WIDTHS, SizeNumbers, rows_of, sizes_mb
+from replicate.targets.table1.rows import WIDTHS, SizeSettings, rows_of, sizes_mb
 from replicate.targets.table1.tables import bracket, implied_vertices, size_claim, size_ratio, table1
 
 THEIRS = read_results(PAPER / "table1.csv")
@@ -129,7 +129,7 @@ def character(tmp_path):
     none = np.zeros((1, 3))
     Attachments(np.int64([2]), np.int64([[0, 1, 2]]), none, np.zeros(1), none).save(inputs["rigid"] / "attachments.npz")
     save_segments(segments([(4, 2), (3, 1)]), inputs["selection"] / "segments.npz")
-    settings = SizeNumbers("mine", "quick", *SHAPES)
+    settings = SizeSettings("mine", "quick", *SHAPES)
     return settings, inputs
 
 

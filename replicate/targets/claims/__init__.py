@@ -1,4 +1,4 @@
-"""The paper's claims, judged: *holds*, *fails* or *not tested* for every character, with the numbers that decide."""
+"""Judge the paper's claims for every character: *holds*, *fails* or *not tested*, with the numbers that decide."""
 
 import argparse
 import math
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
 def publish(profile: str, latex: bool = False) -> None:
     """Judge the claims, write the verdicts to the profile's folder, print them, and execute their notebook if stale.
 
-    latex: print the table as LaTeX, without reasons. Raises InputError for results that are none.
+    latex: print the table as LaTeX, without reasons. Raises InputError for a file that is no table of results.
     """
     evidence = gather(folders_of(profile))
     folder = results_folder(profile)
@@ -77,33 +77,33 @@ def publish(profile: str, latex: bool = False) -> None:
         return
     print(as_text(table))
     profiles = _profiles(verdicts)
-    for one in verdicts:
-        if one.verdict != NOT_TESTED:
-            whose = _with_profile(one.character, one.profile, profiles)
-            print(f"{one.claim} {whose}: {one.verdict}. {one.reason}")
+    for verdict in verdicts:
+        if verdict.verdict != NOT_TESTED:
+            whose = _with_profile(verdict.character, verdict.profile, profiles)
+            print(f"{verdict.claim} {whose}: {verdict.verdict}. {verdict.reason}")
     print(f"\n{origin(verdicts)}")
     print(f"written to {display_path(folder)}: {FILE}, and claims.ipynb to read it in")
 
 
 def write_claims(folder: Path, evidence: Evidence) -> list[Verdict]:
-    """Write the verdicts that some evidence gives to a folder, and return them."""
+    """Judge all claims, write the verdicts to a folder and return them."""
     verdicts = judge_all(evidence, published())
     write_verdicts(folder / FILE, verdicts)
     return verdicts
 
 
 def origin(verdicts: list[Verdict]) -> str:
-    """Return which characters' verdicts stand on which folders of results."""
+    """Return which folders of results the verdicts come from, and for which characters, in words."""
     folders: dict[str, list[str]] = {}
-    for one in verdicts:
-        if one.results:
-            folders.setdefault(one.results, []).append(one.character)
+    for verdict in verdicts:
+        if verdict.results:
+            folders.setdefault(verdict.results, []).append(verdict.character)
     lines = (f"{name}: {', '.join(dict.fromkeys(characters))}" for name, characters in sorted(folders.items()))
     committed = f" ({REFERENCE.name} is what the project comes with)" if REFERENCE.name in folders else ""
     return f"numbers from {'; '.join(lines)}{committed}" if folders else "no numbers to judge by are there yet"
 
 
-# What the notebook about the claims opens: verdicts of a folder of results, the numbers behind them, their origin.
+# For the notebook about the claims: the verdicts of a folder of results, the numbers behind them, their origin.
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def open_claims(name: str) -> OpenClaims:
 
 
 def claims_provenance_text(name: str) -> str:
-    """Return where the numbers behind some verdicts come from: the folder of each table, and each folder's manifest."""
+    """Return where the numbers behind the verdicts come from: the folder of each table, and what its manifest says."""
     places = gather(folders_of(name)).places
     tables: dict[tuple[str, str], list[str]] = {}
     for (table, character), place in places.items():
@@ -152,17 +152,16 @@ NARROW_TIME = 0.1  # the same of times, which repeat less exactly
 
 
 def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
-    """Return a line for each claim and a column for each character, with footnotes on what qualifies a verdict.
+    """Return a line for each claim and a column for each character, with footnotes to single verdicts.
 
-    A character whose numbers are of several profiles has a column for each of them, so that none mixes two. Variants
-    of a character, as teen@one_face, are left out. evidence: what the verdicts are from, for the line. claims: those
-    that are shown.
+    A character whose numbers have several profiles gets a column for each, so that none mixes two. Variants of a
+    character, such as teen@one_face, are left out. evidence: the rows, for the note on the straight line.
     """
     names = [claim.name for claim in claims]
-    shown = [one for one in verdicts if "@" not in one.character and one.claim in names]
-    characters = sorted({one.character for one in shown}, key=order_of)
+    shown = [verdict for verdict in verdicts if "@" not in verdict.character and verdict.claim in names]
+    characters = sorted({verdict.character for verdict in shown}, key=order_of)
     columns = [(character, profile) for character in characters for profile in _profiles(shown, character) or [""]]
-    cells = {(one.claim, one.character, one.profile): cell(one) for one in shown}
+    cells = {(verdict.claim, verdict.character, verdict.profile): cell(verdict) for verdict in shown}
     body = tuple(
         (f"{claim.name} {claim.text}", *(cells.get((claim.name, *column), "–") for column in columns))
         for claim in claims
@@ -186,16 +185,20 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
 
 
 def _profiles(verdicts: Iterable[Verdict], *characters: str) -> list[str]:
-    """Return the profiles that verdicts on some characters, or on all, stand on, the shortest training first."""
-    found = {one.profile for one in verdicts if one.profile and (not characters or one.character in characters)}
+    """Return the profiles behind the verdicts on some characters, or on all, the shortest training first."""
+    found = {
+        verdict.profile
+        for verdict in verdicts
+        if verdict.profile and (not characters or verdict.character in characters)
+    }
     return sorted(found, key=lambda name: (list(PROFILES).index(name) if name in PROFILES else len(PROFILES), name))
 
 
 def _heading(character: str, profile: str, verdicts: Sequence[Verdict]) -> str:
-    """Return a column's heading: the profile where others are of another, else whom the character stands for.
+    """Return a column's heading: the character, with its profile where profiles differ, else with its film character.
 
-    A short training decides less than a long one, so that a reader must see which it was. Where all that stand for the
-    paper's characters were trained alike, they are the usual, and the others' headings say what is different.
+    A short training decides less than a long one, so a reader must see which it was. If all stand-ins for the paper's
+    characters have the same profile, only the headings of the other characters name theirs.
     """
     if character in STANDS_FOR and len(_profiles(verdicts, *STANDS_FOR)) < 2:
         return f"{character} ({STANDS_FOR[character]})"
@@ -208,14 +211,14 @@ def _with_profile(character: str, profile: str, profiles: Sequence[str]) -> str:
 
 
 def verdicts_of_table2(name: str) -> Table:
-    """Return the verdicts on the claims about Table 2, C1 to C5, judged on some results' own rows.
+    """Judge the claims about Table 2, C1 to C5, on the rows of one folder alone; it needs no `claims.csv`.
 
-    name: "reference", or the profile of a run; its `claims.csv` need not be there.
+    name: "reference", or the profile of a run.
     """
     evidence = gather([folder_of(name)])
     claims = [claim for claim in CLAIMS if claim.name in OF_TABLE2]
     characters = {row.character for row in evidence.rows.values() if row.table == "table2"}
-    verdicts = [one for one in judge_all(evidence, published()) if one.character in characters]
+    verdicts = [verdict for verdict in judge_all(evidence, published()) if verdict.character in characters]
     return claims_table(verdicts, evidence, claims)
 
 
@@ -224,27 +227,27 @@ def overview(file: Path) -> Table:
     return claims_table(read_verdicts(file), gather([file.parent]))
 
 
-def cell(one: Verdict) -> str:
-    """Return a verdict with the marks of its notes."""
-    if one.verdict == NOT_TESTED:
+def cell(verdict: Verdict) -> str:
+    """Return a verdict as the table shows it, with the marks of its footnotes."""
+    if verdict.verdict == NOT_TESTED:
         return "–"
-    marks = [one.verdict]
-    if one.verdict == one.published == FAILS:
+    marks = [verdict.verdict]
+    if verdict.verdict == verdict.published == FAILS:
         marks.append("†")
-    share = abs(one.limit - one.value) / abs(one.limit) if one.limit else 1.0
-    if one.seeds == 1 and share < CLOSE:
+    share = abs(verdict.limit - verdict.value) / abs(verdict.limit) if verdict.limit else 1.0
+    if verdict.seeds == 1 and share < CLOSE:
         marks.append("‡")
-    elif share < (NARROW_TIME if one.unit == "ms" else NARROW):
+    elif share < (NARROW_TIME if verdict.unit == "ms" else NARROW):
         marks.append("≈")
     return " ".join(marks)
 
 
 def about(verdicts: Sequence[Verdict]) -> str:
-    """Return which profile the verdicts are of, and on how many seeds they stand."""
-    tested = [one for one in verdicts if one.verdict != NOT_TESTED]
+    """Return the profile and the number of seeds behind the verdicts, as a note."""
+    tested = [verdict for verdict in verdicts if verdict.verdict != NOT_TESTED]
     if not tested:
         return "Nothing is tested yet."
-    seeds = [one.seeds for one in tested if one.seeds]
+    seeds = [verdict.seeds for verdict in tested if verdict.seeds]
     if max(seeds, default=1) == 1:
         how = "one seed: numbers are compared as they are"
     else:
@@ -252,11 +255,11 @@ def about(verdicts: Sequence[Verdict]) -> str:
         how = (
             f"{count}: a difference counts if it is larger than {SPREADS:g} times its standard deviation over the seeds"
         )
-    return f"Profile {', '.join(sorted({one.profile for one in tested}))}; {how}."
+    return f"Profile {', '.join(sorted({verdict.profile for verdict in tested}))}; {how}."
 
 
 def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
-    """Return on which characters a straight line has smaller normal errors than which of the paper's networks."""
+    """Return a note for each character on which a straight line has smaller normal errors than some network."""
     notes = []
     for character in characters:
         if beaten := beaten_by_line(evidence, character, "normal"):
@@ -270,34 +273,39 @@ def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
 
 
 def claim_text(name: str) -> str:
-    """Return a claim, where the paper has it, and when it holds, in Markdown. name: "C1"."""
+    """Return a claim, its place in the paper, and when it holds, in Markdown. name: "C1"."""
     claim = claim_named(name)
     return f"**{claim.text}** ({claim.where}). *It holds if:* {claim.rule}"
 
 
 def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
-    """Return one claim's verdicts with their reasons, a character a line, the paper's own verdict beside ours."""
-    own = [one for one in verdicts if one.claim == claim]
-    profiles = _profiles(own)
+    """Return one claim's verdicts with their reasons, one character a line, the verdict on the paper beside ours."""
+    chosen = [verdict for verdict in verdicts if verdict.claim == claim]
+    profiles = _profiles(chosen)
     body = tuple(
-        (_with_profile(one.character, one.profile, profiles), one.verdict, _of_the_paper(one), one.reason)
-        for one in own
+        (
+            _with_profile(verdict.character, verdict.profile, profiles),
+            verdict.verdict,
+            _of_the_paper(verdict),
+            verdict.reason,
+        )
+        for verdict in chosen
     )
     header = ("", "verdict", "paper's numbers", "why")
     return Table(f"{claim}, character by character", (header,), body, text_columns=4)
 
 
 def verdict_on_rows(rows: Sequence[Row], claim: str) -> Table:
-    """Return the verdict on one claim for each character that some rows of a table are about, with its reason."""
+    """Judge one claim for each character in some rows, and return the verdicts with their reasons."""
     evidence, paper = Evidence(rows), published()
     verdicts = [judge(claim_named(claim), character, evidence, paper) for character in characters_of(rows)]
     return reasons_table(verdicts, claim)
 
 
 def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> Table:
-    """Return whether one method's mean error is smaller than another's, by the rule of the claims, for each character.
+    """Return for each character whether one method's mean error is smaller than another's, by the rule of the claims.
 
-    kind: "vertex" or "normal". What lacks a number is not tested.
+    kind: "vertex" or "normal". A character that lacks a number is not tested.
     """
     body = []
     for character in evidence.characters():
@@ -309,8 +317,8 @@ def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> 
     return Table(f"Is {method} below {other}?", (("", "verdict", "why"),), tuple(body), text_columns=3)
 
 
-def _of_the_paper(one: Verdict) -> str:
-    return f"{one.published} ({one.stands_for})" if one.published in (HOLDS, FAILS) else "–"
+def _of_the_paper(verdict: Verdict) -> str:
+    return f"{verdict.published} ({verdict.stands_for})" if verdict.published in (HOLDS, FAILS) else "–"
 
 
 # A claim's numbers as a chart: ours beside the paper's, as ratios that the claim wants below 1.
@@ -330,9 +338,9 @@ Pairs = dict[str, tuple[Comparison | None, Comparison | None]]
 def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matplotlib.figure.Figure, Words] | None":
     """Return (figure, words): a panel for each character, our ratios as dots and the paper's as rings.
 
-    claim: its number, "C1". A ratio is that of the two numbers that the claim compares, the one that it wants to be the
-    smaller over the other; one below `LEAST` is an arrow, so that it takes no room from the others. Characters of which
-    it compares other things have a row of panels of their own. None where neither we nor the paper have numbers.
+    claim: its number, "C1". A ratio divides the number that the claim wants to be smaller by the other; one below
+    `LEAST` becomes an arrow, so that it takes no room from the others. Characters with different comparisons get
+    separate rows of panels. None where neither we nor the paper have numbers.
     """
     from matplotlib.figure import Figure
 
@@ -369,7 +377,7 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
 
 
 def _rows(panels: dict[str, Pairs]) -> list[tuple[list[str], list[str]]]:
-    """Return (what is compared, characters) of each row of panels: no character has lines that are of others alone."""
+    """Return (names of comparisons, characters) for each row of panels, whose characters share all comparisons."""
     groups: dict[frozenset[str], list[str]] = {}
     for character, pairs in panels.items():
         groups.setdefault(frozenset(pairs), []).append(character)
@@ -378,7 +386,7 @@ def _rows(panels: dict[str, Pairs]) -> list[tuple[list[str], list[str]]]:
 
 
 def _shared_quantity(names: list[str]) -> str:
-    """Return the quantity that all lines compare, or "" where they differ."""
+    """Return the quantity that all comparisons share, or "" where they differ."""
     quantities = {name.partition(": ")[0] for name in names}
     return quantities.pop() if len(quantities) == 1 else ""
 
@@ -412,7 +420,7 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
 
 
 def _title(pairs: Pairs, character: str, published: bool) -> str:
-    """Return whose numbers a panel has: ours and, where the paper has some for any panel, the paper's below."""
+    """Return a panel's title: our character and, if the paper has numbers for any panel, its character below."""
     film = stand_in(character)
     has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
     ours = f"● {character}{', ours' if film else ''}" if has[0] else f"{character}: not tested"
@@ -421,7 +429,7 @@ def _title(pairs: Pairs, character: str, published: bool) -> str:
 
 
 def _arrow(axes, lower: float, y: int) -> float:
-    """Write the bound of a ratio below `LEAST` beside its arrow, and return where that stands."""
+    """Write "< `LEAST`" beside the arrow of a smaller ratio, and return the arrow's x."""
     place = 1.25 * lower
     style = {"textcoords": "offset points", "va": "center", "fontsize": SIZE_PT}
     axes.annotate(f"< {LEAST:g}", (place, y), (8, 0), **style)
@@ -429,7 +437,7 @@ def _arrow(axes, lower: float, y: int) -> float:
 
 
 def _legend(figure: "matplotlib.figure.Figure", has: Sequence[bool]) -> None:
-    """Say what dots and rings are. has: whether there are any of ours, and of the paper's."""
+    """Explain dots and rings. has: whether there are dots (ours), and rings (the paper's)."""
     from matplotlib.lines import Line2D
 
     dot = Line2D([], [], marker="o", linestyle="", color=OURS, label="our characters")
@@ -440,21 +448,21 @@ def _legend(figure: "matplotlib.figure.Figure", has: Sequence[bool]) -> None:
 
 
 def pairs_of(evidence: Evidence, paper: Evidence, claim: str, character: str) -> Pairs:
-    """Return what a claim compares, in words → (our numbers, the paper's), None for what either lacks."""
+    """Return a claim's comparisons by their names: (ours, the paper's), None where either lacks a number."""
     ways = claim_named(claim).ways
     ours, theirs = (
-        _comparisons(ways, rows, who) for rows, who in ((evidence, character), (paper, stand_in(character)))
+        _comparisons(ways, rows, name) for rows, name in ((evidence, character), (paper, stand_in(character)))
     )
     return {name: (ours.get(name), theirs.get(name)) for name in {**ours, **theirs}}
 
 
 def _comparisons(ways, evidence: Evidence, character: str) -> dict[str, Comparison]:
     try:
-        return {one.name: one for way in ways(evidence, character) for one in way}
+        return {comparison.name: comparison for way in ways(evidence, character) for comparison in way}
     except MissingNumber:
         return {}
 
 
 def _half_width(comparison: Comparison) -> float | None:
-    """Return what a bar shows of the spread: to the line at 1 if the difference is just what the rule needs."""
+    """Return half the length of the bar of a ratio's spread: it ends at 1 if the difference just suffices."""
     return comparison.spread / comparison.right.value if comparison.spread else None

@@ -26,8 +26,10 @@ LEAST_DIGITS, MOST_DIGITS = 3, 6  # significant ones in sentences: as many as te
 class Number:
     """A number that a claim is about.
 
-    name: whose it is, in words. sd: its standard deviation over several seeds; None for one seed. rows: what it is
-    computed from. by_seed: its value for each seed, where that is known.
+    name: whose it is, in words
+    sd: its standard deviation over several seeds; None for one seed
+    rows: the rows it is computed from
+    by_seed: its value for each seed, where that is known
     """
 
     name: str
@@ -45,10 +47,14 @@ class Number:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a claim needs of two numbers of the same unit, one of `UNITS`.
+    """A comparison of two numbers of the same unit that a claim needs to come out true.
 
-    quantity: what both measure, in words. relation: what `left` is to be: "smaller" than `right`; "at most" `right`,
-    which differs for equal numbers alone; or such that it "matches" `right` or is smaller.
+    quantity: what both measure, in words
+    unit: one of `UNITS`
+    left: the number that the claim wants to be the smaller one
+    right: the number that it is compared with
+    relation: "smaller" wants `left` below `right` by more than the spread; "at most" accepts equality too; "matches"
+        accepts a `left` that is larger by no more than the spread
     """
 
     quantity: str
@@ -76,23 +82,23 @@ class Comparison:
 
     @property
     def clearance(self) -> float:
-        """By how much it is satisfied, in its unit; negative where it is not."""
+        """By how much the comparison is satisfied, in its unit; negative where it fails."""
         slack = -self.spread if self.relation == "matches" else self.spread
         return self.right.value - self.left.value - slack
 
     @property
     def margin(self) -> float:
-        """Return `clearance` as a share of `right`; as it is where that is 0."""
+        """`clearance` as a share of `right`; where `right` is 0, `clearance` itself."""
         return self.clearance / (abs(self.right.value) or 1.0)
 
     @property
     def satisfied(self) -> bool:
-        """Whether it is as the claim says."""
+        """Whether the numbers compare as the claim says."""
         return self.clearance > 0 if self.relation == "smaller" else self.clearance >= 0
 
     @property
     def ratio(self) -> float:
-        """Return `left` over `right`, below 1 where the claim wants it; infinite over 0."""
+        """`left` over `right`: below 1 is what the claim wants; infinite where `right` is 0."""
         return self.left.value / self.right.value if self.right.value else math.inf
 
     @property
@@ -101,14 +107,17 @@ class Comparison:
         return f"{self.quantity}: {self.left.name} {'<' if self.relation == 'smaller' else '≤'} {self.right.name}"
 
     def __str__(self) -> str:
-        """Return both numbers and how they compare, whether that is what the claim needs or not."""
+        """Return both numbers and which is larger, whatever the claim wants."""
         a, b = (f"{number.name} {text}{UNITS[self.unit]}" for number, text in zip(self._pair, self._texts, strict=True))
         sign = "=" if self.left.value == self.right.value else "<" if self.left.value < self.right.value else ">"
         return f"{self.quantity}: {a} {sign} {b}{self._difference}"
 
     @property
     def _difference(self) -> str:
-        """Return what is to be said of a difference that two spreads hide, or that its own does."""
+        """Return a remark on a difference that is small beside the spread over seeds; "" for a clear one.
+
+        Paired seeds may show a difference that is smaller than the spreads of the two numbers: then the remark says so.
+        """
         size = abs(self.right.value - self.left.value)
         within = 0 < self.spread >= size
         hidden = self.paired and SPREADS * ((self.left.sd or 0.0) + (self.right.sd or 0.0)) >= size
@@ -133,27 +142,28 @@ class Comparison:
         return first, second
 
 
-Ways = tuple[tuple[Comparison, ...], ...]  # a claim holds if all comparisons of one of them are satisfied
+Ways = tuple[tuple[Comparison, ...], ...]  # a claim holds if all comparisons of one way are satisfied
 
 
 def significant(value: float, digits: int = LEAST_DIGITS) -> str:
-    """Return a number with so many significant digits, never with an exponent."""
+    """Write a number with the given count of significant digits, never with an exponent."""
     rounded = float(f"{value:.{digits - 1}e}")
     exponent = int(f"{rounded:e}".partition("e")[2])
     return f"{rounded:,.{max(0, digits - 1 - exponent)}f}"
 
 
 def decide(ways: Sequence[Sequence[Comparison]]) -> tuple[bool, Sequence[Comparison], Comparison]:
-    """Return whether a claim holds, the best of its ways, and the comparison of that with the smallest margin.
+    """Return whether a claim holds, the way in which it comes closest to holding, and that way's deciding comparison.
 
-    ways: in how many ways the claim can hold, one at least; in each of them all comparisons must be satisfied.
+    ways: the alternatives, one at least; in each of them all comparisons must be satisfied. The deciding comparison is
+    the one with the smallest margin.
     """
     best = max(ways, key=lambda way: (all(c.satisfied for c in way), min(c.margin for c in way)))
     deciding = min(best, key=lambda comparison: (comparison.satisfied, comparison.margin))
     return deciding.satisfied, best, deciding
 
 
-# The rows that claims are judged by: of a run where it has them, else of the committed results.
+# The rows that claims are judged by: the run's where it has them, else the committed ones.
 
 TABLES = (
     "table1",
@@ -164,23 +174,23 @@ TABLES = (
     "bench_training",
     "bench_ladder",
 )  # the files, without .csv
-SEGMENTS = "table2_segments"  # a table of its own in table2.csv
+SEGMENTS = "table2_segments"  # a second table in table2.csv
 QUANTITIES = {"vertex": ("distance", "mm"), "normal": ("normal error", "deg")}
 
 
 class MissingNumber(LookupError):
-    """There is no row of a number that a claim needs; the message is a sentence that names it and what makes it."""
+    """A number that a claim needs is missing; the message names it and the command that makes it."""
 
 
 class Evidence:
-    """The rows of some characters, ours or the paper's, to be looked up, and the folder that each table is from."""
+    """Rows of results, ours or the paper's, to look up numbers in, and the folder that each table comes from."""
 
     def __init__(
         self, rows: Iterable[Row], places: dict[tuple[str, str], str] | None = None, seeds: Seeds | None = None
     ):
-        """Take rows, of which no two are of the same number.
+        """Take rows, at most one for each number.
 
-        places: (table, character) → a folder's name. seeds: seed → the rows that some of these are the means of.
+        places: (table, character) → a folder's name. seeds: seed → its rows, of which some of `rows` are the means.
         """
         self.rows = {row.key: row for row in rows}
         self.places = places or {}
@@ -190,12 +200,16 @@ class Evidence:
                 self.by_seed.setdefault(row.key, {})[seed] = row.value
 
     def characters(self) -> list[str]:
-        """Return those that stand for the paper's four, and the others that Table 2 has, in the order of tables."""
+        """Return the characters that stand for the paper's four and all others in Table 2, in the order of tables."""
         others = {row.character for row in self.rows.values() if row.table == "table2"}
         return sorted({*STANDS_FOR, *others}, key=order_of)
 
     def number(self, table: str, character: str, method: str, metric: str, name: str = "") -> Number:
-        """Return a number; name: what sentences call it, else as the method. Raises MissingNumber without a row."""
+        """Look up a number. Raises MissingNumber where there is no row.
+
+        table, character, method, metric: the row's key
+        name: what sentences call the number; by default the method's name
+        """
         row = self.rows.get((table, character, method, metric))
         if row is None:
             target = "table2" if table == SEGMENTS else table
@@ -212,29 +226,29 @@ class Evidence:
         return self.number("table2", character, method, f"{kind}_error_mean")
 
     def place(self, rows: Iterable[Row]) -> str:
-        """Return the names of the folders that some rows are from."""
+        """Return the names of the folders that the rows come from, with commas between them."""
         keys = {(row.table.replace(SEGMENTS, "table2"), row.character) for row in rows}
         return ", ".join(sorted({self.places[key] for key in keys if key in self.places}))
 
 
 def is_from_elsewhere(character: str) -> bool:
-    """Return whether a character of some results has no recipe here: it is named by its folder, not by this name."""
+    """Return whether a character has no recipe here, so that commands need its folder instead of its name."""
     name, _ = recipe_paths.split_character(character)
     return name not in STANDS_FOR and not recipe_paths.recipe_file(name).is_file()
 
 
 def folders_of(name: str) -> list[Path]:
-    """Return where evidence of some results is looked for, in order. name: "reference", or the profile of a run."""
+    """Return the folders where evidence is looked for, in order. name: "reference", or the profile of a run."""
     if name == "reference":
         return [paths.REFERENCE]
     return [paths.run_folder(name), paths.run_folder(BENCH), paths.REFERENCE]
 
 
 def gather(folders: Sequence[Path]) -> Evidence:
-    """Return, for each table and character, the rows of the first folder that has some, and each seed's where known.
+    """Collect, for each table and character, the rows of the first folder that has some, and each seed's where known.
 
-    With the committed results come the times by the machine with a GPU, as a table of their own. Raises InputError for
-    a file that is no table of results.
+    The committed results bring the times of the machine with a GPU along, as a separate table. Raises InputError for a
+    file that is no table of results.
     """
     rows: list[Row] = []
     places: dict[tuple[str, str], str] = {}
@@ -264,18 +278,21 @@ def published() -> Evidence:
 
 
 def stand_in(character: str) -> str:
-    """Return the film character that one stands for, variants too, or "" for none; the paper's stand for themselves."""
+    """Return the film character that a character, or the variant of one, stands for, or "" for none.
+
+    The paper's characters stand for themselves.
+    """
     name = character.partition("@")[0]
     return name if name in STANDS_FOR.values() else STANDS_FOR.get(name, "")
 
 
-# What the claims about the networks in use need of the numbers: speed (C7 to C9), posing (C10), other meshes (C13).
+# The comparisons behind the claims about the networks in use: speed (C7 to C9), posing (C10), other meshes (C13).
 
 LEAST_SPEED_UP, MOST_SPEED_UP = 5, 17  # of the CNN over the rig, in the abstract
 
 
 def _network_time(evidence: Evidence, character: str, method: str, table: str = "table3") -> Number:
-    """Return milliseconds a pose: of the best evaluation of ours on all cores, or what the paper prints for its own."""
+    """Return milliseconds a pose: our best evaluation on all cores, or what the paper prints for its characters."""
     if character in STANDS_FOR.values():
         return evidence.number("table3", character, method, "time_high_end_cpu")
     best = best_row(evidence.rows.values(), character, method, "all_cores", table)
@@ -283,7 +300,7 @@ def _network_time(evidence: Evidence, character: str, method: str, table: str = 
 
 
 def _rig_times(evidence: Evidence, character: str) -> list[Number]:
-    """Return the rig's milliseconds a pose, node by node and compiled; the paper has one number."""
+    """Return the rig's milliseconds a pose, node by node and compiled; for the paper's characters its one number."""
     if character in STANDS_FOR.values():
         return [evidence.number("table3", character, "rig", "time_cpu_engine", "the rig")]
     names = {"rig_nodes": "the rig, node by node", "rig": "the rig, compiled"}
@@ -291,13 +308,13 @@ def _rig_times(evidence: Evidence, character: str) -> list[Number]:
 
 
 def faster_than_the_rig(evidence: Evidence, character: str) -> Ways:
-    """Return what C7 needs: the CNN is so many times as fast as both evaluations of the rig."""
+    """Return what C7 needs: the CNN is at least `LEAST_SPEED_UP` times as fast as either evaluation of the rig."""
     slow = _network_time(evidence, character, "refined").times(LEAST_SPEED_UP, f"{LEAST_SPEED_UP} × the CNN")
     return (tuple(Comparison("time", "ms", slow, rig, "at most") for rig in _rig_times(evidence, character)),)
 
 
 def times_as_fast(evidence: Evidence, character: str) -> str:
-    """Return how many times as fast as the rig the CNN is, by each evaluation of the rig."""
+    """Return how many times as fast as each evaluation of the rig the CNN is, in a sentence."""
     cnn = _network_time(evidence, character, "refined")
     ratios = (
         f"{significant(rig.value / cnn.value)} times as fast as {rig.name}" for rig in _rig_times(evidence, character)
@@ -314,7 +331,10 @@ def dense_is_faster(evidence: Evidence, character: str) -> Ways:
 
 
 def cpu_beats_gpu(evidence: Evidence, character: str) -> Ways:
-    """Return what C9 needs: both take less time on a CPU. Raises MissingNumber where no GPU has run ours."""
+    """Return what C9 needs: the coarse and the refined model take less time on a CPU than on a GPU.
+
+    Raises MissingNumber where our networks were not timed on a GPU.
+    """
     table, comparisons = _table_with_gpu(evidence, character), []
     for method in ("coarse", "refined"):
         graphics = _time_on_gpu(evidence, character, method, table)
@@ -323,7 +343,7 @@ def cpu_beats_gpu(evidence: Evidence, character: str) -> Ways:
 
 
 def started_one_by_one(evidence: Evidence, character: str) -> str:
-    """Return what a GPU takes that is told each operation on its own, as the paper's was."""
+    """Return how long a GPU takes when each operation is started on its own, as in the paper, in words."""
     table = _table_with_gpu(evidence, character)
     one_by_one = evidence.number(table, character, f"refined{GPU}", "time_gpu")
     cpu = _time_on_cpu(evidence, character, "refined", table)
@@ -338,7 +358,7 @@ def started_one_by_one(evidence: Evidence, character: str) -> str:
 
 
 def _table_with_gpu(evidence: Evidence, character: str) -> str:
-    """Return the table with a character's times on a GPU: Table 3 where it has them, else that of another machine."""
+    """Return the table with a character's times on a GPU: Table 3 where it has them, else the GPU machine's."""
     if character in STANDS_FOR.values():
         return "table3"
     for table in ("table3", GPU_TABLE):
@@ -379,9 +399,9 @@ def cnn_better_under_ik(evidence: Evidence, character: str) -> Ways:
 
 
 def posed_otherwise(evidence: Evidence, character: str) -> str:
-    """Return how both compare in poses that favour neither, and at parameters within their controls' limits.
+    """Return how the CNN and dense compare in poses that favour neither, and with parameters within their limits.
 
-    What is as near to the rig without any network, a straight line or the unmoved face, is named first.
+    If a straight line or the unmoved face has a smaller normal error than the CNN, that is said first.
     """
     sentences = list(_nearer_without_networks(evidence, character))
     for suffix, words in (
@@ -397,19 +417,19 @@ def posed_otherwise(evidence: Evidence, character: str) -> str:
 
 
 def _nearer_without_networks(evidence: Evidence, character: str) -> Iterator[str]:
-    """Yield a sentence for each way without networks that has a smaller normal error than the CNN in its poses."""
+    """Yield a sentence for the straight line and for the unmoved face if its normal error is below the CNN's."""
     for method, words in (("linear", "A straight line"), ("neutral", "Even the unmoved face")):
         try:
             pair = [evidence.number("table4", character, name, "normal_error_mean") for name in (method, "refined")]
         except MissingNumber:
             continue
         if pair[0].value < pair[1].value:
-            own, of_cnn = (significant(number.value) for number in pair)
-            yield f"{words} has a smaller normal error there: {own}° against {of_cnn}°."
+            without, of_cnn = (significant(number.value) for number in pair)
+            yield f"{words} has a smaller normal error there: {without}° against {of_cnn}°."
 
 
 def moves_other_meshes(evidence: Evidence, character: str) -> Ways:
-    """Return what C13 needs: on new meshes both errors are smaller than those of deformation transfer."""
+    """Return what C13 needs: on new meshes both errors of the coarse networks are below deformation transfer's."""
     comparisons = []
     for mesh, words in (("half", "on half of the vertices"), ("quarter", "on a quarter")):
         for kind, (quantity, unit) in QUANTITIES.items():
@@ -425,7 +445,10 @@ def moves_other_meshes(evidence: Evidence, character: str) -> Ways:
 
 
 def beside_other_ways(evidence: Evidence, character: str) -> str:
-    """Return the errors of the prediction carried over, and of transfer from the truth, on half of the vertices."""
+    """Return two other errors on half of the vertices, in words.
+
+    They are those of the original's prediction carried over to them, and of deformation transfer from the true mesh.
+    """
     carried, of_truth = (
         " mm and ".join(
             significant(evidence.number("figure13", character, method, f"{kind}_error_mean[half]").value)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-# The paper's claims C1 to C13, and what each needs of the numbers.
+# The paper's claims C1 to C13, and the comparisons that decide them.
 
 NETWORKS = ("coarse", "refined", "dense")
 SKINS = ("lbs16", "lbs24", "lbs32")
@@ -47,7 +47,7 @@ TAU_MM = RigidConfig().tau_mm
 
 
 def no_remark(evidence: Evidence, character: str) -> str:
-    """Return that there is nothing to add."""
+    """Return an empty remark."""
     return ""
 
 
@@ -55,10 +55,13 @@ def no_remark(evidence: Evidence, character: str) -> str:
 class Claim:
     """A claim of the paper's.
 
-    name: its number in our list. text: the claim, in a short sentence. where: in the paper. rule: when it holds, in
-    words. ways: (evidence, character) → what it needs; raises MissingNumber. remark: (evidence, character) → sentences
-    that belong beside the verdict, or ""; raises MissingNumber too, which leaves the verdict as it is. kinds: the
-    errors, keys of `QUANTITIES`, in which a straight line is compared with the paper's networks beside the verdict.
+    name: its number in our list
+    text: the claim, in a short sentence
+    where: its place in the paper
+    rule: when it holds, in words
+    ways: (evidence, character) → the comparisons that it needs; raises MissingNumber
+    remark: (evidence, character) → sentences beside the verdict, or ""; MissingNumber leaves the verdict as it is
+    kinds: errors, keys of `QUANTITIES`, in which a straight line is compared with the networks, beside the verdict
     """
 
     name: str
@@ -71,13 +74,18 @@ class Claim:
 
 
 def smaller_error(evidence: Evidence, character: str, method: str, other: str, kind: str) -> Comparison:
-    """Return the comparison of two methods' mean errors. kind: "vertex" or "normal". Raises MissingNumber."""
+    """Compare the mean errors of two methods. Raises MissingNumber.
+
+    method: the one that a claim wants to have the smaller error
+    other: the one that it is compared with
+    kind: "vertex" or "normal"
+    """
     left, right = (evidence.error(character, name, kind) for name in (method, other))
     return Comparison(*QUANTITIES[kind], left, right)
 
 
 def best_network(character: str) -> str:
-    """Return the method that the paper has the smallest normal error of, for the character that one stands for."""
+    """Return the method with the paper's smallest normal error, for the film character that this one stands for."""
     return "dense" if stand_in(character) == "Toothless" else "refined"
 
 
@@ -86,13 +94,13 @@ def _refined_beats_coarse(evidence: Evidence, character: str) -> Ways:
 
 
 def _what_refinement_does(evidence: Evidence, character: str) -> str:
-    """Return by which share of the coarse model's errors refinement changes them: how much the claim is worth."""
+    """Return by how many percent refinement changes the coarse model's errors, in a sentence."""
     phrases = []
     for kind, (quantity, _) in QUANTITIES.items():
         coarse, refined = (evidence.error(character, method, kind).value for method in ("coarse", "refined"))
         share = f"{significant(100 * abs(1 - refined / coarse), 2)} %" if coarse else "nothing"
-        what = quantity if quantity.endswith("error") else f"{quantity} error"
-        phrases.append(f"takes {share} off the {what}" if refined <= coarse else f"adds {share} to the {what}")
+        label = quantity if quantity.endswith("error") else f"{quantity} error"
+        phrases.append(f"takes {share} off the {label}" if refined <= coarse else f"adds {share} to the {label}")
     return f"Refinement {' and '.join(phrases)}."
 
 
@@ -120,7 +128,7 @@ def _dense_normals_are_worst(evidence: Evidence, character: str) -> Ways:
 
 
 def _degrees_per_mm(evidence: Evidence, character: str) -> str:
-    """Return how large normal errors are beside distances, which is more for errors of higher frequency."""
+    """Return the normal error per mm of distance, in a sentence: finer errors have more degrees per mm."""
     shares = {}
     for method in ("dense", "refined"):
         distance, normal = (evidence.error(character, method, kind).value for kind in QUANTITIES)
@@ -145,7 +153,7 @@ def _cnn_is_smaller(evidence: Evidence, character: str) -> Ways:
 
 
 def _times_as_large(evidence: Evidence, character: str) -> str:
-    """Return the ratio of sizes, what is beyond the claim's range, and the ratio with the released code's widths."""
+    """Return the ratio of sizes in a sentence, also with the released code's widths; more than the claim's is noted."""
     small, dense = _sizes(evidence, character)
     text = f"The dense model is {significant(dense.value / small.value)} times as large as the CNN"
     if dense.value > SIZES[1] * small.value:
@@ -179,29 +187,31 @@ def _augmented_beats_raw(evidence: Evidence, character: str) -> Ways:
 def _augmented_against_raw(
     evidence: Evidence, character: str, where: str, change: str = BALANCED, name: str = "augmented and balanced"
 ) -> tuple[Comparison, ...]:
-    """Return both errors of coarse networks trained with §3.5, or a part of it, and of those trained without.
+    """Compare both errors of coarse networks that were trained with §3.5, or part of it, with those trained without.
 
-    where: on "clips" or "validation" poses. change, name: the training with it, in the table and in words.
+    where: the poses of the errors, "clips" or "validation"
+    change: the training with §3.5 as the table calls it
+    name: the same in words
     """
     comparisons = []
     for kind, (quantity, unit) in QUANTITIES.items():
         left, right = (
-            evidence.number("bench_training", character, "coarse", f"{where}_{kind}_error[{what}]", words)
-            for what, words in ((change, name), (RAW_ANIMATION, "raw animation"))
+            evidence.number("bench_training", character, "coarse", f"{where}_{kind}_error[{training}]", words)
+            for training, words in ((change, name), (RAW_ANIMATION, "raw animation"))
         )
         comparisons.append(Comparison(quantity, unit, left, right))
     return tuple(comparisons)
 
 
 def _draws_and_neighbours(evidence: Evidence, character: str) -> str:
-    """Return what augmentation does without balancing, and on frames whose neighbours are trained on."""
+    """Return the same comparison without balancing, and on frames next to training frames, in sentences."""
     sentences = []
-    for lead, *what in (
+    for lead, *arguments in (
         ("Without balancing", "clips", USUAL, "augmented"),
         ("On frames whose neighbours are in the training", "validation"),
     ):
         try:
-            comparisons = _augmented_against_raw(evidence, character, *what)
+            comparisons = _augmented_against_raw(evidence, character, *arguments)
         except MissingNumber:
             continue
         sentences.append(f"{lead}: {'; '.join(map(str, comparisons))}.")
@@ -314,11 +324,22 @@ MOST_SHOWN = 2  # comparisons that a sentence repeats when all of them are satis
 class Verdict:
     """One claim's verdict on one character: a row of `claims.csv`.
 
-    stands_for: the film character, "" for none. verdict, published: one of `VERDICTS`, on our numbers and by the same
-    rule on the paper's own for `stands_for`; published is "" where that is nobody. comparison, unit, value, sd, limit,
-    limit_sd: the comparison with the smallest margin, which decides; the claim wants `value` below `limit`. They are
-    empty where nothing is tested, and the deviations for one seed too. seeds: the fewest of any number. profile, run:
-    of the rows. results: the folder that they are from, "reference" for committed ones. reason: why, in sentences.
+    claim: its name, "C1"
+    character: the character's name in results
+    stands_for: the film character that it stands for, "" for none
+    verdict: one of `VERDICTS`, on our numbers
+    published: the verdict of the same rule on the paper's numbers for `stands_for`; "" without one
+    comparison: the deciding comparison in words; like the next five it is empty where nothing is tested
+    unit: the unit of the compared numbers
+    value: the number that the claim wants below `limit`
+    sd: its standard deviation, empty for one seed
+    limit: the number that it is compared with
+    limit_sd: the limit's standard deviation, empty for one seed
+    seeds: the fewest seeds of any number
+    profile: the profile of the rows
+    run: the name of their run
+    results: the folder of the rows, "reference" for committed ones
+    reason: why, in sentences
     """
 
     claim: str
@@ -354,7 +375,7 @@ SCHEMA = (
 
 
 def judge(claim: Claim, character: str, evidence: Evidence, paper: Evidence) -> Verdict:
-    """Return a claim's verdict on one character. paper: the paper's own numbers."""
+    """Judge a claim on one character. paper: the paper's numbers."""
     theirs = stand_in(character)
     head = (claim.name, character, theirs)
     published = published_verdict(claim, theirs, paper) if theirs else ""
@@ -384,12 +405,12 @@ def judge(claim: Claim, character: str, evidence: Evidence, paper: Evidence) -> 
 
 
 def judge_all(evidence: Evidence, paper: Evidence) -> list[Verdict]:
-    """Return the verdicts of all claims on the paper's four characters and the others that Table 2 has."""
+    """Judge all claims on the stand-ins for the paper's four characters and all others in Table 2."""
     return [judge(claim, character, evidence, paper) for claim in CLAIMS for character in evidence.characters()]
 
 
 def published_verdict(claim: Claim, character: str, paper: Evidence) -> str:
-    """Return what a claim's rule says of the paper's own numbers for one of its characters."""
+    """Judge a claim on the paper's numbers for one of its characters."""
     try:
         holds, *_ = decide(claim.ways(paper, character))
     except MissingNumber:
@@ -398,7 +419,7 @@ def published_verdict(claim: Claim, character: str, paper: Evidence) -> str:
 
 
 def in_words(way: Sequence[Comparison], deciding: Comparison) -> str:
-    """Return the comparisons that decide: those that aren't satisfied, or all; of many only the closest."""
+    """Return the comparisons that fail, in words, or else all of them; where there are many, the closest alone."""
     failing = [comparison for comparison in way if not comparison.satisfied]
     shown = failing or (way if len(way) <= MOST_SHOWN else [deciding])
     lead = f"closest of {len(way)}, " if len(shown) < len(way) and not failing else ""
@@ -407,7 +428,7 @@ def in_words(way: Sequence[Comparison], deciding: Comparison) -> str:
 
 
 def remark(claim: Claim, evidence: Evidence, character: str) -> str:
-    """Return what a claim says beside its verdict, or "" where a number is missing that only this needs."""
+    """Return a claim's remark, or "" where a number for it is missing."""
     try:
         return claim.remark(evidence, character)
     except MissingNumber:
@@ -415,7 +436,7 @@ def remark(claim: Claim, evidence: Evidence, character: str) -> str:
 
 
 def line_remark(claim: Claim, evidence: Evidence, character: str) -> str:
-    """Return in which of a claim's errors a straight line, `linear`, beats which of the paper's networks; or ""."""
+    """Return which of the paper's networks a straight line (`linear`) beats in the claim's errors, or ""."""
     sentences = []
     for kind in claim.kinds:
         beaten = beaten_by_line(evidence, character, kind)
@@ -428,9 +449,9 @@ def line_remark(claim: Claim, evidence: Evidence, character: str) -> str:
 
 
 def beaten_by_line(evidence: Evidence, character: str, kind: str) -> list[str]:
-    """Return the paper's networks whose mean error is larger than a straight line's, by the rule of all claims.
+    """Return the paper's networks whose mean error is clearly larger than a straight line's.
 
-    kind: "vertex" or "normal". What has no row is not among them.
+    kind: "vertex" or "normal". Networks without a row are left out.
     """
     beaten = []
     for network in NETWORKS:
@@ -443,12 +464,12 @@ def beaten_by_line(evidence: Evidence, character: str, kind: str) -> list[str]:
 
 
 def write_verdicts(path: Path, verdicts: Iterable[Verdict]) -> None:
-    """Write verdicts, in the order of the claims and of the paper's characters, as `judge_all` returns them."""
+    """Write verdicts in the order of `judge_all`: by claim, then by character."""
     write_csv(path, SCHEMA, map(astuple, verdicts), KEY)
 
 
 def verdict_frame(path: Path) -> "pandas.DataFrame":
-    """Read `claims.csv` as a DataFrame, a verdict a row. Raises InputError, with file and line, for anything else."""
+    """Read `claims.csv` as a DataFrame, one verdict a row. Raises InputError, with file and line, for other files."""
     return read_csv(path, SCHEMA, KEY, missing="there are no such verdicts; `make claims` writes them.")
 
 

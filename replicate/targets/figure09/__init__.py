@@ -8,23 +8,20 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report.pose_record import FIGURE09
-from replicate.targets.pose_numbers import folded_pose_stages, save_folded_pose
+from replicate.targets.figure09.forehead_wrinkles import figure09
+from replicate.targets.pose_numbers import folded_pose_stages, publish, save_folded_pose
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
+    """Return the stages of one character's figure, those of the methods, the slow ones, first."""
     return folded_pose_stages(plan, "figure09", FIGURE09, draw)
 
 
 def draw(context: StageContext) -> None:
-    """Draw the forehead as it is and as several methods have it (Fig. 9)."""
-    from replicate.targets.figure09.forehead_wrinkles import figure09
-
+    """Draw the true forehead and several methods' predictions of it (Fig. 9)."""
     save_folded_pose(context, figure09)
 
 
 def run(options: argparse.Namespace) -> None:
     """Draw the figure of every character, publish it and print its numbers."""
-    from replicate.targets.pose_numbers import publish
-
     publish("figure09", make(options, stages))

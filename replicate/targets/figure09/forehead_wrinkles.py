@@ -40,7 +40,7 @@ def figure09(
     across: int | None = None,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): the record's pose from the forehead camera, a picture for each of `methods` it has.
+    """Return (figure, words): the record's pose from the forehead camera, once for each of `methods` that it has.
 
     across: the width of one picture, pixels; None for what fills the sheet.
     """
@@ -56,7 +56,7 @@ def figure09(
         phrases.append(f"{plain_name(method)} {error}".strip())
     names = ", ".join(phrases)
     pose = f"{pose_in_words(record)} (after Fig. 9)"
-    what = (
+    lead = (
         f"Forehead wrinkles in {pose}. Look at the creases above the brows and between them: how deep they are, and "
         "how far they reach."
         if fold_change_deg(record) > CREASED_DEG
@@ -65,14 +65,14 @@ def figure09(
     figure = face_sheet(cells, min(ACROSS, len(shown)))
     return figure, Words(
         f"Clay renders of one forehead, close up, row by row: {names}.",
-        f"{what} Below each: the mean normal error (Eq. 11) of the {region}. {marks_in_words(shown)}".strip(),
+        f"{lead} Below each: the mean normal error (Eq. 11) of the {region}. {marks_in_words(shown)}".strip(),
     )
 
 
 def fold_change_deg(record: PoseRecord) -> float:
-    """Return by how many degrees the true forehead's edges fold more or less than in the neutral pose, on average.
+    """Return the mean change of the true forehead's fold angles from the neutral pose, in degrees.
 
-    Edges count by their length. Of a record without such a region it is the mean over the whole mesh.
+    Edges are weighted by their length. For a record without a forehead it is the mean over the whole mesh.
     """
     edges, sides = inner_edges(record.faces)
     if REGION in record.region_names:

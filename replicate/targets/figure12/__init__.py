@@ -1,36 +1,43 @@
-"""Figure 12: performance capture where the truth is known; a character's rig acts and drives itself and another."""
+"""Figure 12: performance capture with a known truth: two rigs act, and their landmarks drive one character."""
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 
+from replicate.approximation.training import prepare
+from replicate.base.paths import display_path
 from replicate.capture import landmark_rig
 from replicate.cli.options import methods
 from replicate.cli.running import make
+from replicate.drawing.face_sheet import LARGEST_BYTES
+from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
 from replicate.methods import artefacts, measurement, refined
 from replicate.methods.measurement import reading
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
-from replicate.report.publication import CharacterResult, results_folder
+from replicate.report.publication import CharacterResult, publish_rows, results_folder
+from replicate.report.results import write_results
+from replicate.report.tables import as_text
 from replicate.targets.capture import section
 from replicate.targets.figure12 import rows as figure12_rows
-from replicate.targets.figure12.rows import CaptureTrial, ThroughMethod
+from replicate.targets.figure12.rows import CaptureTrial, ThroughMethod, capture_rows, drivers
+from replicate.targets.figure12.shown import figure12, noise_curves, tables12
 
-ACTORS = ("woman", "teen")  # who performs besides: the first that is another character
+ACTORS = ("woman", "teen")  # the second actor is the first of these that isn't the character itself
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's figure; those that train, the slow ones, come first.
+    """Return the stages of one character's figure, the slow ones that train first.
 
-    methods: what IK networks are trained through beside the refined model, as far as they have a model.
+    methods: IK networks are trained through the refined model and through those of these that have a model.
     """
     through = {method.name: method for method in (refined.METHOD, *methods) if method.model and not method.oracle}
     trained = [landmark_rig.ik_stage_of(plan, method) for method in through.values()]
     other = Plan(replace(plan.config, character=actor_beside(plan)))
-    acting = {one.title: one for one in (figure12_rows.stage(plan), figure12_rows.stage(other))}
-    numbers = CaptureTrial(
+    acting = {stage.title: stage for stage in (figure12_rows.stage(plan), figure12_rows.stage(other))}
+    settings = CaptureTrial(
         plan.character,
         tuple(dict.fromkeys((plan.character, other.character))),
         plan.config.profile,
@@ -49,28 +56,22 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
         artefacts.rigid_stage,
         landmark_rig.stage,
     )
-    own = [stage for method in through.values() for stage in method.stages(plan)]
-    inputs = {one.title: one for one in (*(stage(plan) for stage in shared), *own, *trained)} | acting
+    method_stages = [stage for method in through.values() for stage in method.stages(plan)]
+    needed = (*(stage(plan) for stage in shared), *method_stages, *trained)
+    inputs = {stage.title: stage for stage in needed} | acting
     readers = [source for method in through.values() for source in reading(method, plan.config).sources]
     functions = ", ".join(dict.fromkeys(map(reference, (draw, *readers))))
-    return [*own, *trained, *acting.values(), plan.stage("figure12", functions, numbers, *inputs.values())]
+    return [*method_stages, *trained, *acting.values(), plan.stage("figure12", functions, settings, *inputs.values())]
 
 
 def actor_beside(plan: Plan) -> str:
-    """Return who performs beside a plan's character: as the configuration says, or else another one of ours."""
-    own = plan.character.partition("@")[0]
-    return section(plan.config).actor or next(name for name in ACTORS if name != own)
+    """Return the second actor: the configuration's, or else another character of ours."""
+    character = plan.character.partition("@")[0]
+    return section(plan.config).actor or next(name for name in ACTORS if name != character)
 
 
 def draw(context: StageContext) -> None:
     """Measure every way to drive the character, and draw the figure and its curves."""
-    from replicate.approximation.training import prepare
-    from replicate.drawing.face_sheet import LARGEST_BYTES
-    from replicate.drawing.panels import save_figure
-    from replicate.report.results import write_results
-    from replicate.targets.figure12.rows import capture_rows, drivers
-    from replicate.targets.figure12.shown import figure12, noise_curves
-
     prepare("cpu")
     trial, stem = context.config, f"figure12_{context.config.character}"
     every = drivers(trial, context.inputs)
@@ -89,11 +90,6 @@ def run(options: argparse.Namespace) -> None:
 
 def publish(results: Sequence[CharacterResult]) -> None:
     """Write the rows and pictures of some characters to the profile's folder, and print the tables."""
-    from replicate.base.paths import display_path
-    from replicate.report.publication import publish_rows
-    from replicate.report.tables import as_text
-    from replicate.targets.figure12.shown import tables12
-
     rows = publish_rows("figure12", results)
     for table in tables12(rows):
         print(as_text(table))

@@ -1,4 +1,4 @@
-"""Figure 12 as rows of results: every driver, performance, noise and smoothing of one character."""
+"""Figure 12 as rows of results: every driver, performance, noise and smoothing for one character."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,12 +8,15 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32
 
+from data_recipes.catalogue import performance
 from data_recipes.rig import Rig
 from replicate.capture import landmark_rig
 from replicate.capture.capture_config import CaptureConfig
-from replicate.capture.driven_face import ApproximatedRig
+from replicate.capture.driven_face import ApproximatedRig, face_picture, head_camera
 from replicate.capture.landmark_file import MM, Recording
-from replicate.capture.landmark_motion import FRAMES_PER_SECOND, control_motion, jitter_mm
+from replicate.capture.landmark_motion import FRAMES_PER_SECOND, control_motion, jitter_mm, telling_frames
+from replicate.drawing.face_sheet import cell_width
+from replicate.drawing.marks import balls
 from replicate.engine.stage import Stage, StageContext, stream_rng
 from replicate.inverse import ik_stage
 from replicate.inverse.control_points import InverseConfig, control_points
@@ -41,7 +44,15 @@ class ThroughMethod:
 
 @dataclass(frozen=True)
 class CaptureTrial:
-    """Whose face is driven, by whose performances (its own first), and through what."""
+    """The settings of Figure 12's stage.
+
+    character: the character that is driven
+    actors: the characters that perform, itself first
+    profile, seed: the profile of the rows, and the seed of the noise
+    section: the configuration of capture
+    inverse: the configuration of inverse kinematics
+    methods: what IK networks are trained through
+    """
 
     character: str
     actors: tuple[str, ...]
@@ -53,11 +64,11 @@ class CaptureTrial:
 
     @property
     def noises_mm(self) -> tuple[float, ...]:
-        """The standard deviations of what is added to each coordinate of the actors' landmarks, rising."""
+        """The standard deviations of the noise on each coordinate of the actors' landmarks, rising."""
         return tuple(sorted(set(self.section.noises_mm)))
 
 
-# The artefacts "performance": a character's own rig performs, and where its landmarks are is known exactly (Fig. 12).
+# The artefacts "performance": a character's rig performs, so that its landmarks are known exactly (Fig. 12).
 
 NAME, ARRAYS = "performance", "performance.npz"
 FRAMES, TALL = 5, 1.2  # frames that are drawn; a picture's height over its width
@@ -66,8 +77,10 @@ MARK = 0.007  # the radius of a landmark's mark, as a share of the picture's hei
 
 @dataclass(frozen=True)
 class Performance:
-    """A rig's performance. params: (t, m). landmarks: (t, l, 3) mm. shown: the frames that are drawn, and pictures:
-    (f, h, w, 3) uint8 of the rig in them, with its landmarks.
+    """A rig's performance.
+
+    params: (t, m). landmarks: (t, l, 3) mm. shown: the frames that are drawn, (f,). pictures: the rig in these frames
+    with its landmarks, (f, h, w, 3) uint8.
     """
 
     params: np.ndarray
@@ -83,11 +96,6 @@ def stage(plan: Plan) -> Stage:
 
 def make(context: StageContext) -> None:
     """Let the character perform, and draw some frames."""
-    from data_recipes.catalogue import performance
-    from replicate.capture.driven_face import face_picture, head_camera
-    from replicate.capture.landmark_motion import telling_frames
-    from replicate.drawing.marks import balls
-
     rig = landmark_rig.load_landmark_rig(context.inputs)
     params = performance(rig)
     landmarks = rig(params)[:, rig.control_points]
@@ -105,30 +113,29 @@ def make(context: StageContext) -> None:
 
 
 def picture_size() -> tuple[int, int]:
-    """Return how high and how wide the pictures are, pixels."""
-    from replicate.drawing.face_sheet import cell_width
-
+    """Return the height and width of the pictures, pixels."""
     width = cell_width(FRAMES)
     return round(TALL * width), width
 
 
 def load(inputs: Mapping[str, Path], character: str) -> Performance:
-    """Return a character's performance, one of several perhaps."""
+    """Return a character's performance."""
     with np.load(inputs[f"{NAME}-{character}"] / ARRAYS, allow_pickle=False) as stored:
         return Performance(*(stored[name] for name in ("params", "landmarks", "shown", "pictures")))
 
 
-# What drives a character in Figure 12, and how near it comes: IK networks and baselines.
+# What drives a character in Figure 12, IK networks and baselines, and how near each comes.
 
 NEUTRAL, RIDGE = "neutral", "landmark_ridge"
-EVERY = 4  # of the frames, the whole mesh is compared in one of so many
+EVERY = 4  # the whole mesh is compared in every fourth frame
 Solve = Callable[[np.ndarray], np.ndarray]  # targets (t, l, 3) → rig parameters (t, m)
 
 
 @dataclass(frozen=True)
 class Driver:
-    """A way from landmarks to a face. solve: without limits. positions: parameters → landmarks, of an approximation.
+    """A way from landmarks to a face.
 
+    solve: landmarks → parameters, not clipped to their limits. positions: parameters → landmarks of an approximation.
     face: the rig with that approximation as its skin.
     """
 
@@ -140,11 +147,13 @@ class Driver:
 
 @dataclass(frozen=True)
 class Closeness:
-    """How near a driven character comes to what was acted, means over all frames; None where no truth is known.
+    """How near a driven character comes to the performance, in means over all frames.
 
-    parameters: in shares of their ranges, over those that the networks drive. landmark_mm: in the image plane.
-    vertex_mm: of the whole mesh. jitter: the mean second difference of the landmarks in time over the actor's.
-    outside: the share of driven parameters that were brought back within their limits.
+    landmark_mm: the landmarks' error in the image plane
+    jitter: the landmarks' mean second difference in time, over the actor's
+    outside: the share of driven parameters that were brought back within their limits
+    parameters: the driven parameters' error in shares of their ranges; None where no truth is known
+    vertex_mm: the error of the whole mesh; None where no truth is known
     """
 
     landmark_mm: float
@@ -182,14 +191,14 @@ def drivers(trial: CaptureTrial, inputs: Mapping[str, Path]) -> list[Driver]:
 
 
 def exact(performance: Performance) -> Recording:
-    """Return what a tracker without any noise would see of a performance."""
+    """Return the recording of a performance by a tracker without noise."""
     return Recording(performance.landmarks[..., :2].astype(float), MM, 0)
 
 
 def recordings(trial: CaptureTrial, performance: Performance, actor: str) -> dict[float, Recording]:
-    """Return what a tracker with noise would see of a performance, by the noise's standard deviation in mm.
+    """Return recordings of a performance with noise, by its standard deviation in mm.
 
-    The same noise is scaled, so that a curve over it isn't another draw at each place.
+    One draw of noise is scaled to all of them, so that a curve over the noise is smooth.
     """
     places = exact(performance).positions
     noise = stream_rng(trial.seed, "figure12", f"noise of {actor}").normal(size=places.shape)
@@ -197,16 +206,17 @@ def recordings(trial: CaptureTrial, performance: Performance, actor: str) -> dic
 
 
 def windows(trial: CaptureTrial) -> tuple[int, ...]:
-    """Return the windows of smoothing that are tried: none, and the section's, where that is another."""
+    """Return the windows of smoothing to try, in frames: 1, which smooths nothing, and the configuration's."""
     return tuple(dict.fromkeys((1, trial.section.smoothing_frames)))
 
 
 def targets_of(
     trial: CaptureTrial, recording: Recording, rig: Rig, window: int
 ) -> tuple[Float[np.ndarray, "t l 3"], float]:
-    """Return where the character's landmarks shall go for a recording, mm, and the scale of the movement.
+    """Return the targets of the character's landmarks for a recording, mm, and the scale of the movement.
 
-    recording: of a performance of ours, whose rate is that of all clips, whatever the section says of a user's.
+    recording: a performance of ours, at the frame rate of our clips, whatever rate the configuration has for a user's
+    window: frames of smoothing
     """
     section = replace(trial.section, smoothing_frames=window, frames_per_second=FRAMES_PER_SECOND)
     motion = control_motion(recording, rig.mesh.neutral[rig.control_points], section)
@@ -221,10 +231,12 @@ def closeness(
     performed: Float[np.ndarray, "t m"] | None,
     driven: np.ndarray,
 ) -> Closeness:
-    """Return how near a driver comes.
+    """Measure how near a driver comes to the performance.
 
-    targets: what it is given. goal: where the landmarks truly shall go. performed: the actor's parameters, where the
-    actor is the character itself. driven: the parameters that the networks drive.
+    targets: the landmarks that the driver is given, (t, l, 3), mm
+    goal: the true targets of the landmarks, (t, l, 3), mm
+    performed: the actor's parameters, (t, m), if the character is its own actor
+    driven: indices of the parameters that the networks drive
     """
     raw = driver.solve(targets)
     params = np.clip(raw, rig.lower, rig.upper).astype(np.float32)
@@ -253,14 +265,17 @@ METRICS = {  # → the unit, and the field of `Closeness`
 
 
 def metric_name(metric: str, actor: str, noise_mm: float, smoothed: bool) -> str:
-    """Return a number's name: "jitter[toon][noise 0.5 mm][smoothed]"; the first bracket names the actor."""
+    """Return the name of a metric: "jitter[toon][noise 0.5 mm][smoothed]"; the first bracket names the actor."""
     return f"{metric}[{actor}][noise {noise_mm:g} mm]{SMOOTHED if smoothed else ''}"
 
 
 def capture_rows(
     trial: CaptureTrial, inputs: Mapping[str, Path], every: Sequence[Driver], progress: Callable
 ) -> list[Row]:
-    """Return one character's rows. every: its drivers. progress: (total, label) → a context manager with update(k)."""
+    """Return one character's rows.
+
+    every: all of its drivers. progress: (total, label) → a context manager with update(k).
+    """
     rig = landmark_rig.load_landmark_rig(inputs)
     driven = control_points(rig, artefacts.load_influence(inputs)).driven()
     facts = trial.profile, run_name(inputs)
@@ -307,19 +322,22 @@ def _rows(
 
 # A baseline of performance capture: ridge regression from landmarks straight to rig parameters, without a model.
 
-STRENGTHS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # λ of the penalty that are tried, over the number of samples
+STRENGTHS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # values to try for the penalty's λ over the number of samples
 
 
 @dataclass(frozen=True)
 class LandmarkRidge:
-    """Parameters as a straight line of landmarks' moves. weights: (2l, m); constant: (m,); rest: (l, 2) mm."""
+    """Parameters as a linear function of the landmarks' moves.
+
+    weights: (2l, m). constant: (m,). rest: the landmarks of the neutral face, (l, 2) mm.
+    """
 
     weights: np.ndarray
     constant: np.ndarray
     rest: np.ndarray
 
     def solve(self, targets: Float[np.ndarray, "t l 3"]) -> Float32[np.ndarray, "t m"]:
-        """Return rig parameters for landmarks that shall go to some places, mm."""
+        """Return rig parameters for the landmarks' targets, mm."""
         moves = (targets[..., :2] - self.rest).reshape(len(targets), -1)
         return (moves @ self.weights + self.constant).astype(np.float32)
 
@@ -333,11 +351,16 @@ def fit_ridge(
     noise_mm: float,
     generator: np.random.Generator,
 ) -> LandmarkRidge:
-    """Fit the line to the samples that the IK networks are trained on, with the noise that they see.
+    """Fit the ridge regression to the samples and the noise that the IK networks are trained on.
 
-    truth: where the landmarks are in training and validation poses. params, held_out: the parameters of these. ranges:
-    of the parameters; the penalty is the one whose parameters are nearest to the held-out ones in shares of them.
-    noise_mm: each coordinate of a landmark moves by U(−noise_mm, noise_mm).
+    The penalty is the one with the smallest error on the validation poses, in shares of the parameters' ranges.
+
+    truth: the landmarks in training and validation poses
+    params: the parameters of the training poses, (a, m)
+    held_out: the parameters of the validation poses, (b, m)
+    rest: the landmarks of the neutral face, (l, 3), mm
+    ranges: of the parameters, (m,)
+    noise_mm: each coordinate of a landmark moves by U(−noise_mm, noise_mm)
     """
     from sklearn.linear_model import Ridge
 

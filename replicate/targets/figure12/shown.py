@@ -1,4 +1,4 @@
-"""Figure 12's numbers, printed: how near each way to drive a character comes, by the noise of the landmarks."""
+"""Figure 12 in tables and pictures: how near each way to drive a character comes, by the noise of the landmarks."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +29,7 @@ BLOCKS = (  # metric, unit, words
     ("outside_limits", "ratio", "Parameters brought back within their limits, %"),
 )
 PERCENT = ("parameter_error_mean", "outside_limits")
-FIRST, NOISE = "refined", 1.0  # the driver that the answer tells of, and about which noise, mm
+FIRST, NOISE = "refined", 1.0  # the driver that the answer is about, and the noise that it quotes, mm
 NOTES = (
     "Landmarks: how far those of the mesh end from where they shall go, in the image plane. Vertices and parameters: "
     "against the actor's, where the character is its own actor.",
@@ -42,7 +42,7 @@ NOTES = (
 
 
 def tables12(ours: Iterable[Row]) -> list[Table]:
-    """Return a table for each character and each actor that drives it, its own performance first."""
+    """Return a table for each character and each actor that drives it, itself first."""
     rows = [row for row in ours if row.table == TABLE]
     return [
         capture_table([row for row in rows if row.character == character], character, actor)
@@ -54,7 +54,9 @@ def tables12(ours: Iterable[Row]) -> list[Table]:
 def answer12(ours: Iterable[Row]) -> list[str]:
     """Return the figure's result in a paragraph for each character, through the refined model."""
     rows = [row for row in ours if row.table == TABLE]
-    return [_answer([row for row in rows if row.character == one], one) for one in characters_of(rows)]
+    return [
+        _answer([row for row in rows if row.character == character], character) for character in characters_of(rows)
+    ]
 
 
 def _answer(rows: Sequence[Row], character: str) -> str:
@@ -73,11 +75,11 @@ def _answer(rows: Sequence[Row], character: str) -> str:
     calm, off = (value(metric, noise=some, smoothed=True) for metric in ("jitter", "landmark_error_mean"))
     smooth = "" if calm is None else f", smoothed {calm:.1f} times; its landmarks are then {off:.2f} mm off"
     trembling = f"trembles {value('jitter', noise=some):.1f} times as much as the actor{smooth}"
-    own, rest = (100 * value("parameter_error_mean", method) for method in (FIRST, NEUTRAL))
+    percent, neutral_percent = (100 * value("parameter_error_mean", method) for method in (FIRST, NEUTRAL))
     return (
         f"**On {character}** IK networks bring landmarks of its own, with {least:g} mm of noise, back to {landmarks}, "
-        f"and all vertices to {vertices}. The parameters are off by {own:.1f} % of their ranges, those of the neutral "
-        f"pose by {rest:.1f} %. With {some:g} mm of noise the face {trembling}."
+        f"and all vertices to {vertices}. The parameters are off by {percent:.1f} % of their ranges, those of the "
+        f"neutral pose by {neutral_percent:.1f} %. With {some:g} mm of noise the face {trembling}."
     )
 
 
@@ -88,7 +90,7 @@ def noises_of(rows: Sequence[Row], actor: str) -> list[float]:
 
 
 def actors_of(rows: Sequence[Row], character: str) -> list[str]:
-    """Return who drives a character, itself first."""
+    """Return the actors that drive a character, itself first."""
     names = {
         match[1] for row in rows if row.character == character and (match := re.match(r"scale\[(.*?)\]", row.metric))
     }
@@ -96,7 +98,7 @@ def actors_of(rows: Sequence[Row], character: str) -> list[str]:
 
 
 def capture_table(rows: Sequence[Row], character: str, actor: str) -> Table:
-    """Return one character's table for one actor: a column for each noise, lines with and without smoothing."""
+    """Return one character's table for one actor: a column for each noise, lines with smoothing and without."""
     noises = noises_of(rows, actor)
     present = {row.method for row in rows}
     names = [*in_order(present - {RIDGE, NEUTRAL, "scale"}), *(name for name in (RIDGE, NEUTRAL) if name in present)]
@@ -138,7 +140,7 @@ def figure12(
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): for each actor a row of its frames and a row of the character that it drives.
 
-    driver: what leads from landmarks to the face. The landmarks are exact, and smoothed as the configuration says.
+    The landmarks are exact, and smoothed as the configuration says. driver: the way from landmarks to the face.
     """
     rig = landmark_rig.load_landmark_rig(inputs)
     height, width = rows.picture_size()
@@ -178,14 +180,14 @@ HEIGHT = 4.6  # inches
 
 
 def driver_label(name: str) -> str:
-    """Return what tables and charts call a driver."""
+    """Return a driver's name in tables and charts."""
     return LABELS.get(name) or f"IK networks, {method_named(name).label.lower()}"
 
 
 def noise_curves(trial: CaptureTrial, rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): a panel a measure, the character driving itself.
+    """Return (figure, words): a panel for each measure, of the character driving itself.
 
-    Beside lines with smoothing stand dashed ones without it; the legend names the full ones.
+    Full lines are smoothed and named by the legend; dashed ones are not smoothed.
     """
     from matplotlib.figure import Figure
 

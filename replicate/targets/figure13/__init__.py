@@ -1,26 +1,32 @@
 """Figure 13: the networks move meshes of another topology through texture coordinates, beside the truth.
 
-ONTO names other characters, whose faces the networks move as well.
+With ONTO they move the faces of other characters, too.
 """
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from replicate.base.paths import display_path
 from replicate.cli.options import others
 from replicate.cli.running import make
+from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, coarse, refined
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
+from replicate.report.publication import publish_rows, results_folder
+from replicate.report.results import write_results
+from replicate.report.tables import as_text
 from replicate.targets.figure13 import moved as figure13_moved
+from replicate.targets.figure13.moved import rows_of
 
 FILE = "figure13.csv"
 
 
 @dataclass(frozen=True)
 class TransferPicture:
-    """Whose figure is drawn, as results of which profile, and which other characters' faces are moved."""
+    """The character and profile of the figure, and the other characters whose faces are moved."""
 
     character: str
     profile: str
@@ -28,7 +34,7 @@ class TransferPicture:
 
 
 def stages(plan: Plan, methods: Sequence[Method] = (), onto: Sequence[str] = ()) -> list[Stage]:
-    """Return the stages of one character's figure; those that train, the slow ones, come first.
+    """Return the stages of one character's figure, the slow ones that train first.
 
     onto: other characters, by name or recipe, whose faces are moved.
     """
@@ -50,9 +56,6 @@ def stages(plan: Plan, methods: Sequence[Method] = (), onto: Sequence[str] = ())
 
 def draw(context: StageContext) -> None:
     """Draw the new meshes in one pose, and write the errors of every way to move them (Fig. 13)."""
-    from replicate.drawing.panels import save_figure
-    from replicate.report.results import write_results
-    from replicate.targets.figure13.moved import rows_of
     from replicate.targets.figure13.shown import figure13, sheet_of_others, shown_meshes
 
     character, inputs = context.config.character, context.inputs
@@ -69,15 +72,10 @@ def draw(context: StageContext) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Draw the figure of every character, publish its rows and pictures, and print its numbers."""
-    from replicate.base.paths import display_path
-    from replicate.report.publication import publish_rows, results_folder
-    from replicate.report.tables import as_text
     from replicate.targets.figure13.shown import tables13
 
-    def own_stages(plan: Plan) -> list[Stage]:
-        return stages(plan, onto=others(options, plan))
-
-    for table in tables13(publish_rows("figure13", make(options, own_stages))):
+    results = make(options, lambda plan: stages(plan, onto=others(options, plan)))
+    for table in tables13(publish_rows("figure13", results)):
         print(as_text(table))
     folder = display_path(results_folder(options.profile))
     print(f"written to {folder}: {FILE}, its pictures, manifest.json, and figure13.ipynb to read them in")

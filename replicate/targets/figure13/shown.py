@@ -1,4 +1,4 @@
-"""Figure 13: the original in one pose, and new meshes of half and a quarter of its vertices that are moved like it."""
+"""Figure 13 in pictures and tables: the original in one pose, and the meshes that are moved like it."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,9 +18,9 @@ from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
 from replicate.methods import artefacts
 from replicate.report.results import Row, characters_of, find, most_seeds, seeds_in_words
 from replicate.report.tables import Table, round_off
-from replicate.targets.figure13 import moved
 from replicate.targets.figure13 import moved as figure13_moved
 from replicate.targets.figure13.moved import ORIGINAL, Mean
+from replicate.transfer.landmark_alignment import face_of
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -38,15 +38,15 @@ TITLES = {
 LINES = ("distance", "normal error")
 HEAD, CLOSE = 1.3, 0.9  # a picture's height over its width
 RIBBON_MM = 0.2
-CARRIED = ("coarse", "coarse_carried")  # read at the new vertices' coordinates, and taken to their places
+CARRIED = ("coarse", "coarse_carried")  # maps read at the new vertices, and the prediction carried over to them
 
 
 @dataclass(frozen=True)
 class ShownMesh:
     """A mesh in the shown pose.
 
-    neutral: (k, 3); faces: (g, 3); vertices: "truth" and what moves it → (k, 3), mm. props: as `rig.pose_props` has
-    them where the skin is the truth.
+    neutral: (k, 3) mm. faces: (g, 3). vertices: "truth" and the ways to move the mesh → (k, 3) mm. props: from
+    `rig.pose_props`, for the true skin.
     """
 
     neutral: np.ndarray
@@ -77,9 +77,11 @@ def figure13(
     across: int | None = None,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): the head, and the mouth close up with its triangles, for each mesh and way to move it.
+    """Draw the head, and the mouth close up with its triangles, for each mesh and way; return (figure, words).
 
-    across: the width of one picture, pixels; None for what fills the sheet.
+    shown: the meshes by name
+    means: mean errors, for the caption
+    across: the width of one picture, pixels; None for what fills the sheet
     """
     columns = 1 + len(NEW)
     width = across or cell_width(columns, LINES)
@@ -121,12 +123,12 @@ def _errors(mesh: ShownMesh, way: str) -> tuple[str, str]:
 def _words(character: str, shown: Mapping[str, ShownMesh], means: Sequence[Mean]) -> Words:
     pairs = [(name, way) for name, mesh in shown.items() for way in NEW[1:] if way in mesh.vertices]
     names = {"coarse": "coarse networks", "deformation_transfer": "deformation transfer"}
-    own = [f"{names[way]} on {MESHES[name]}, {' and '.join(_errors(shown[name], way))}" for name, way in pairs]
+    phrases = [f"{names[way]} on {MESHES[name]}, {' and '.join(_errors(shown[name], way))}" for name, way in pairs]
     return Words(
         "Two rows of four clay heads, their mouths close up below them with all edges. First in each row is the "
         "original mesh, above as the rig has it and below as the coarse networks have it. Then comes a mesh of half "
         "of its vertices, below of a quarter: the truth, moved by the coarse networks, moved by deformation transfer. "
-        f"Mean errors: {'; '.join(own)}.",
+        f"Mean errors: {'; '.join(phrases)}.",
         f"The coarse networks of {character} move meshes that they were never trained on (after Fig. 13), in the test "
         "pose whose forehead folds most. A vertex of a new mesh reads the maps at its own texture coordinates. The "
         "truth is what the rig does at its place on the original surface. Rigid segments, as teeth, are left out. "
@@ -137,7 +139,7 @@ def _words(character: str, shown: Mapping[str, ShownMesh], means: Sequence[Mean]
 
 
 def _in_numbers(means: Sequence[Mean]) -> str:
-    """Return what new places and charts that are off do to the distance over the test poses, in sentences."""
+    """Return the distances over the test poses on new meshes, and with charts that are off, in sentences."""
     mm = {(mean.mesh, mean.method, mean.charts): f"{mean.distance_mm:.2f} mm" for mean in means}
     poses = {mean.charts: mean.poses for mean in means}
     read, carried = (" and ".join(mm[name, way, ""] for name in MESHES if name != ORIGINAL) for way in CARRIED)
@@ -150,7 +152,7 @@ def _in_numbers(means: Sequence[Mean]) -> str:
 
 
 def in_pixels(count: str) -> str:
-    """Return a number of pixels with its unit: "1 pixel", "0.5 pixels"."""
+    """Return a length with its unit: "1 pixel", "0.5 pixels"."""
     return f"{count} pixel{'' if count == '1' else 's'}"
 
 
@@ -163,17 +165,15 @@ OTHER_HEAD, OTHER_CLOSE = 1.35, 0.8  # a picture's height over its width
 def sheet_of_others(
     character: str, inputs: Mapping[str, Path], folders: Mapping[str, Path], across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): a row for each other face, the whole of it and its mouth close up below.
+    """Return (figure, words): a row for each other character's face, with its mouth close up below.
 
     folders: other characters' names → the artefacts of their stages. across: the width of one picture, pixels; None for
     what fills the sheet.
     """
-    from replicate.transfer.landmark_alignment import face_of
-
     mesh = artefacts.load_mesh(inputs)
-    width, cells, told = across or cell_width(2 + len(MOVED), LINES), [], []
+    width, cells, phrases = across or cell_width(2 + len(MOVED), LINES), [], []
     for other, folder in folders.items():
-        pose, about = moved.load_other_pose(folder), moved.load_alignment(folder)
+        pose, about = figure13_moved.load_other_pose(folder), figure13_moved.load_alignment(folder)
         cells.append(
             Cell(f"{character}: the rig", _other_pictures(pose["source"], mesh.neutral, face_of(mesh).faces, width))
         )
@@ -183,14 +183,14 @@ def sheet_of_others(
             cells.append(Cell(f"{other}: {title}", pictures, errors[way]))
         title = f"{other}: its own rig" if about["controls"] else f"{other}: neutral"
         cells.append(Cell(title, _other_pictures(pose["own"], pose["head"], pose["faces"], width)))
-        told.append(_in_words(other, about, errors))
+        phrases.append(_in_words(other, about, errors))
     return face_sheet(cells, 2 + len(MOVED), LINES), Words(
         "Rows of four clay faces without eyes and teeth, their mouths close up below. First the face that the "
         "networks are trained on, then another character's face: moved by the coarse networks, moved by deformation "
-        "transfer, and as its own rig has it. " + " ".join(told),
+        "transfer, and as its own rig has it. " + " ".join(phrases),
         f"The coarse networks of {character} move the faces of other characters (after Fig. 13), in the test pose "
         "whose forehead folds most. A thin-plate spline through landmarks that both have brings the other face to the "
-        f"charts; offsets are scaled by the ratio of distances between landmarks. {' '.join(told)} Another person's "
+        f"charts; offsets are scaled by the ratio of distances between landmarks. {' '.join(phrases)} Another person's "
         "own rig is no truth: it says how that person would do the same, with other folds and proportions. † Each "
         "triangle follows its nearest one on the rig's own posed mesh (Sumner and Popović 2004), aligned alike.",
     )
@@ -200,7 +200,7 @@ def _in_words(other: str, about: Mapping[str, float], errors: Mapping[str, tuple
     aligned = f"{other}: {about['landmarks']} landmarks, scale {about['scale']:.2f}"
     if not about["controls"]:
         return f"{aligned}; its rig has no control of the same name, so that its neutral face stands last."
-    means = ", ".join(f"{MOVED[way].removesuffix(' †')} {' and '.join(own)}" for way, own in errors.items())
+    means = ", ".join(f"{MOVED[way].removesuffix(' †')} {' and '.join(pair)}" for way, pair in errors.items())
     return f"{aligned}, {about['controls']} controls of the same names; mean differences from its own rig: {means}."
 
 
@@ -246,9 +246,9 @@ OTHER_NOTES = (
 
 
 def tables13(ours: Sequence[Row]) -> list[Table]:
-    """Return for each character a table of every way on every mesh and one of charts that are off.
+    """Return two tables for each character, of every way on every mesh and of charts that are off.
 
-    Tables of other characters' faces follow, where any have been moved and measured.
+    Tables of other characters' faces follow if any were moved and measured.
     """
     rows = [row for row in ours if row.table == "figure13"]
     tables = [make(rows, character) for character in characters_of(rows) for make in (meshes_table, charts_table)]
@@ -256,9 +256,9 @@ def tables13(ours: Sequence[Row]) -> list[Table]:
 
 
 def meshes_table(rows: Sequence[Row], character: str) -> Table:
-    """Return one character's mean errors of every way to move every mesh."""
-    own = [row for row in rows if row.character == character]
-    present = {row.method for row in own}
+    """Return the mean errors of every way to move every mesh of one character."""
+    rows = [row for row in rows if row.character == character]
+    present = {row.method for row in rows}
     body: list[tuple[str, ...] | None] = []
     for kind, unit, words in KINDS:
         body += [None] if body else []
@@ -267,15 +267,15 @@ def meshes_table(rows: Sequence[Row], character: str) -> Table:
             found = [find(rows, "figure13", character, way, f"{kind}_error_mean[{mesh}]") for mesh in MESHES]
             body.append((LABELS[way], *(round_off(row.value, unit, row.sd) if row else "–" for row in found)))
     return Table(
-        f"Meshes of other topologies: {character}", (("", *MESHES.values()),), tuple(body), (*NOTES, _about(own))
+        f"Meshes of other topologies: {character}", (("", *MESHES.values()),), tuple(body), (*NOTES, _about(rows))
     )
 
 
 def charts_table(rows: Sequence[Row], character: str) -> Table:
-    """Return one character's mean errors of the coarse networks on charts that are shifted and turned."""
+    """Return the mean errors of one character's coarse networks on charts that are shifted and turned."""
     pattern = re.compile(r"vertex_error_mean\[half\]\[(.+)\]")
-    own = [row for row in rows if row.character == character and row.method == "coarse"]
-    charts = sorted((match[1] for row in own if (match := pattern.fullmatch(row.metric))), key=_amount)
+    rows = [row for row in rows if row.character == character and row.method == "coarse"]
+    charts = sorted((match[1] for row in rows if (match := pattern.fullmatch(row.metric))), key=_amount)
     body = []
     for chart in charts:
         cells = []
@@ -292,10 +292,10 @@ def charts_table(rows: Sequence[Row], character: str) -> Table:
 
 
 def others_table(rows: Sequence[Row], character: str) -> Table | None:
-    """Return one character's mean differences of every way to move other characters' faces from these one's rigs."""
+    """Return the mean differences of other characters' faces, moved by every way, from their rigs; None for none."""
     pattern = re.compile(r"vertex_error_mean\[([^\]]+)\]")
-    own = [row for row in rows if row.character == character]
-    named = dict.fromkeys(match[1] for row in own if (match := pattern.fullmatch(row.metric)))
+    rows = [row for row in rows if row.character == character]
+    named = dict.fromkeys(match[1] for row in rows if (match := pattern.fullmatch(row.metric)))
     others = [name for name in named if name not in MESHES]
     if not others:
         return None
@@ -309,7 +309,7 @@ def others_table(rows: Sequence[Row], character: str) -> Table | None:
         body.append((LABELS[way], *cells))
     spans = ("", *(cell for other in others for cell in (other, "")))
     units = ("", *("mm", "degrees") * len(others))
-    return Table(f"Faces of other characters: {character}", (spans, units), tuple(body), (*OTHER_NOTES, _about(own)))
+    return Table(f"Faces of other characters: {character}", (spans, units), tuple(body), (*OTHER_NOTES, _about(rows)))
 
 
 def _amount(chart: str) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""A run of your own as the committed results: for whoever maintains this repository."""
+"""Publish a run of yours as the committed results: for maintainers of this repository."""
 
 import argparse
 import re
@@ -17,7 +17,7 @@ from replicate.benchmarks.common import merge
 from replicate.cli.target_list import target_table
 from replicate.config import check_profile
 from replicate.methods.method_registry import method_named
-from replicate.report import manifest
+from replicate.report import manifest, notebooks
 from replicate.report.results import COLUMNS, Row, read_curves, read_results, write_curves
 from replicate.report.tables import Table, as_markdown
 from replicate.targets.claims import overview, write_claims
@@ -40,37 +40,42 @@ def run(options: argparse.Namespace) -> None:
         print(f"written to {paths.display_path(file)}")
 
 
-# From a run of one's own to the committed results: `make reference`, for whoever maintains this repository.
-
 KINDS = (".csv", ".json", ".npz", ".png")
 README, DATA_CARD, REPRODUCING = (
     paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
 )
 TABLE2 = reference_times.TARGET
-TRAINED = "teen"  # whose training steps a text shows
-APART = "paper"  # the profile whose results have a folder of their own
-PART = "--only"  # the option of benchmarks that are run in part
-ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; the others show one target's
+TRAINED = "teen"  # the character whose training steps REPRODUCING shows
+APART = "paper"  # the profile whose results have a separate folder
+PART = "--only"  # the option that runs a benchmark in part
+ALWAYS = ("claims", "rig_tour")  # notebooks that belong to no single target
 
 
 def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
-    """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
+    """Replace the committed results by a profile's and the benchmarks'; return the new files.
 
-    Table 2 with the profile `paper`, and one whose test poses are of whole clips, go into folders of their own, beside
-    what texts quote (see `publish_apart`); so does a Table 3 with times on a GPU.
+    Table 2 with the profile `paper` or with whole clips as test poses goes into a separate folder, beside the one that
+    texts quote (see `publish_apart`); so does a Table 3 with times on a GPU.
 
-    Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
-    one at a time. Of a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result
-    stay as they are. add_seeds: whether the seeds of Table 2 join those that are committed of the same characters, and
-    the methods of the first seed its poses and curves; what else of such a character is committed stays as it is.
-    Raises InputError, before it writes anything, if neither has results, or some come from a tree with changes.
+    In a table each character of the run is replaced as a whole and others stay, so that characters may be run one at a
+    time. In a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result stay.
+
+    add_seeds: let seeds of Table 2 join the committed ones of the same characters, and methods of the first seed its
+    poses and curves; other committed results of such a character stay.
+
+    Raises InputError, before it writes anything, if there are no results, or some come from a tree with changes.
     """
+    # what goes into a separate folder
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_clips = _is_of_clips(run)
     if of_clips and profile == APART:
-        raise InputError(f"{paths.display_path(run)}: whole clips have a folder for one profile, not {APART}")
+        raise InputError(
+            f"{paths.display_path(run)}: results on whole clips can't be published with the profile {APART}: "
+            "there is no folder for both"
+        )
     if apart := paths.PAPER_PROFILE if profile == APART else paths.WHOLE_CLIPS if of_clips else None:
         return publish_apart(run, paths.committed_folders()[apart], add_seeds)
+    # checks before anything is written
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
     if not (of_run or of_bench):
         raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
@@ -78,6 +83,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
         _check_clean(folder, names)
     on_gpu = GPU_TIMES in of_run and is_of_gpu(run)
     shared = reference_times.shared_characters(run) if add_seeds else []
+    # the files of results
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
     files = put_first_seed(run, shared)
     files += reference_times.put_table2(run, shared) if TABLE2 in of_run else []
@@ -92,6 +98,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     for file in sorted(bench.iterdir()) if of_bench else ():
         if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
             files.append(_put(file, joining=_in_part(bench, file.stem)))
+    # their entries in the manifest
     for folder, names, of_both in ((run, of_run, shared), (bench, of_bench, ())):
         for target in names:
             if target != TABLE2:
@@ -104,6 +111,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
                 both = there | new
                 if both:
                     manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
+    # what follows from them: charts, numbers of figures, verdicts, texts
     files += redraw_charts(paths.REFERENCE, shared)
     files += put_numbers(manifest.entries(run, TABLE2))
     write_claims(paths.REFERENCE, gather([paths.REFERENCE]))
@@ -113,7 +121,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
 
 
 def publish_apart(run: Path, into: Path, add_seeds: bool = False) -> list[Path]:
-    """Put the numbers of a run's Table 2 into a folder of their own, execute its notebook anew, return the new files.
+    """Put the numbers of a run's Table 2 into a separate folder, execute its notebook anew, return the new files.
 
     Characters that the run lacks stay. add_seeds: as for `publish_reference`. Raises InputError, before it writes
     anything, for a run without Table 2, or one from a tree with changes.
@@ -127,16 +135,16 @@ def publish_apart(run: Path, into: Path, add_seeds: bool = False) -> list[Path]:
 
 
 def _is_of_clips(run: Path) -> bool:
-    """Return whether a run's Table 2 has test poses of whole clips. Raises InputError where some are not."""
+    """Return whether the test poses of a run's Table 2 are whole clips. Raises InputError if only some are."""
     splits = {name: facts.get("split", "frames") for name, facts in manifest.entries(run, TABLE2).items()}
     if len(set(splits.values())) > 1:
         both = ", ".join(f"{name} {split}" for name, split in splits.items())
-        raise InputError(f"{paths.display_path(run)}: Table 2 is of several splits ({both}): publish one at a time")
+        raise InputError(f"{paths.display_path(run)}: Table 2 has several splits ({both}): publish one at a time")
     return "clips" in splits.values()
 
 
 def _check_clean(folder: Path, targets: Collection[str]) -> None:
-    """Raise InputError unless all results of some targets in a folder are from trees without changes."""
+    """Raise InputError unless all results of the targets in a folder come from trees without changes."""
     for target in targets:
         for character, facts in manifest.entries(folder, target).items():
             if not (facts.get("git") or {}).get("clean"):
@@ -147,20 +155,20 @@ def _check_clean(folder: Path, targets: Collection[str]) -> None:
 
 
 def _committed(target: str, characters: Collection[str]) -> list[str]:
-    """Return those of some characters that the committed results of a target have; of Table 2 all of them."""
+    """Return the characters that have committed results of a target; for Table 2 all that are given."""
     there = manifest.entries(paths.REFERENCE, target)
     return [character for character in characters if target == TABLE2 or character in there]
 
 
 def _in_part(folder: Path, target: str) -> set[str]:
-    """Return the characters of which a benchmark was run in part, so that its other rows are still those committed."""
+    """Return the characters of which a benchmark was run in part, so that its other committed rows stay."""
     return {
         name for name, facts in manifest.entries(folder, target).items() if PART in facts.get("command", "").split()
     }
 
 
 def _target_of(file: Path, targets: Sequence[str]) -> str:
-    """Return which target a file of results is of: the one with the longest name that it begins with, or Table 2."""
+    """Return the target of a file of results: the longest one that its name begins with, or Table 2."""
     owners = [name for name in targets if file.stem == name or file.stem.startswith(f"{name}_")]
     return max(owners, key=len, default=TABLE2)
 
@@ -178,7 +186,7 @@ def rewrite_target_table() -> None:
 
 
 def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
-    """Return, by the name of a table's marks, which text has it, which committed CSV it shows, and what makes it."""
+    """Return, by the name in a table's marks, the text that has it, the committed file behind it, and what makes it."""
     paper = read_results(paths.PAPER / "table2.csv")
     times = read_results(paths.PAPER / "table3.csv")
     return {
@@ -197,17 +205,18 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
 
 
 def _standard(file: Path) -> list[Row]:
-    """Return a table's rows of the methods that are standard; the notebook has the others."""
+    """Return a table's rows of the standard methods; the notebook shows the others."""
     return [row for row in read_results(file) if method_named(row.method).standard]
 
 
 def with_table(text: str, name: str, table: Table) -> str:
-    """Return a text with a table between the marks of that name. Raises InputError where it lacks them."""
+    """Return a text with a table put between the marks of a name. Raises InputError if it lacks them."""
     marks = f"<!-- {name}, by make reference -->\n", f"<!-- end of {name} -->\n"
     before, begin, rest = text.partition(marks[0])
     _, end, after = rest.partition(marks[1])
     if not (begin and end):
-        raise InputError(f"found no lines {' and '.join(repr(m.strip()) for m in marks)} to write a table between.")
+        lines = " and ".join(repr(mark.strip()) for mark in marks)
+        raise InputError(f"expected the lines {lines}, between which the table is written; one is missing.")
     return before + begin + as_markdown(table).strip() + "\n" + end + after
 
 
@@ -216,26 +225,27 @@ def _is_result(file: Path) -> bool:
 
 
 def _with_results_alone(facts: dict) -> dict:
-    """Return a manifest's entry without the files that are not put beside it, as the posing page."""
+    """Return a manifest's entry without the files that are not committed, such as the posing page."""
     return facts | (
         {"files": [name for name in facts["files"] if Path(name).suffix in KINDS]} if "files" in facts else {}
     )
 
 
 def _is_of(file: Path, characters: Collection[str]) -> bool:
-    """Return whether a file belongs to one of some characters alone, as figure07_teen_rigidity.png does."""
+    """Return whether a file belongs to one of the characters alone, as figure07_teen_rigidity.png does."""
     return any(re.match(rf"[a-z0-9]+_{re.escape(name)}[_.]", file.name) for name in characters)
 
 
 def _is_mesh_left_out(file: Path) -> bool:
-    """Return whether a file holds meshes that are not committed: see `has_committed_meshes`."""
+    """Return whether a file holds meshes that are not committed (see `has_committed_meshes`)."""
     return file.suffix == ".npz" and ("@" in file.name or _is_of(file, OUTSIDE))
 
 
 def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) -> Path:
-    """Put a new result in its place; rows and curves of characters that it lacks stay, and those of `stay` too.
+    """Put a new result among the committed ones; rows and curves of characters that it lacks stay.
 
-    joining: characters whose other rows stay beside the new ones.
+    stay: characters whose committed rows and curves stay, too. joining: characters whose other rows stay beside the new
+    ones.
     """
     into = paths.REFERENCE / file.name
     if file.suffix == ".csv" and into.is_file():
@@ -257,11 +267,9 @@ def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) 
 
 
 def _texts(targets: list[str]) -> list[Path]:
-    """Execute the notebooks about some targets on the committed results, and write the tables that texts show."""
-    from replicate.report.notebooks import NOTEBOOKS, run_notebook
-
-    names = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
-    files = [run_notebook(name, "reference") for name in names]
+    """Execute the notebooks of some targets on the committed results, and write the tables that texts show."""
+    names = [file.stem for file in sorted(notebooks.NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
+    files = [notebooks.run_notebook(name, "reference") for name in names]
     for name, (text, csv, make_table) in tables_in_texts().items():
         if (file := paths.REFERENCE / csv).is_file():
             write_text(text, with_table(text.read_text("utf-8"), name, make_table(file)))

@@ -1,9 +1,9 @@
-"""Committed pictures that committed numbers alone suffice to draw, drawn anew when their layout has changed.
+"""Draw committed pictures anew from committed numbers, after their layout has changed.
 
-`python -m replicate.targets.reference.pictures teen woman` draws those of some characters, of all by default:
-the figures of Table 2, Figure 1, the ladder and the roofline. It reads no cache, no network and no rig. The manifest
-then says of each entry at which commit its pictures were drawn; what it says of the numbers stays. The numbers of
-Figures 1, 9 and 10 are written anew with their pictures.
+`python -m replicate.targets.reference.pictures teen woman` draws those of some characters, by default of all:
+the figures of Table 2, Figure 1, the ladder and the roofline. It needs no cache, no network and no rig. The manifest
+then names the commit at which pictures were drawn; its facts about the numbers stay. The numbers of Figures 1, 9 and 10
+are written anew with their pictures.
 """
 
 import re
@@ -17,22 +17,30 @@ import numpy as np
 from replicate.base import paths
 from replicate.base.command_line import guard
 from replicate.base.exceptions import InputError
+from replicate.benchmarks.bench_ladder import ladder_figure
+from replicate.benchmarks.bench_roofline import roofline_figure
 from replicate.benchmarks.common import merge
+from replicate.drawing.face_sheet import LARGEST_BYTES
+from replicate.drawing.panels import save_figure
 from replicate.engine.provenance import git_state
 from replicate.report import manifest
 from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, load_pose, pose_file, save_pose
 from replicate.report.results import read_curves, read_results, write_curves
+from replicate.targets.figure01 import figure01
+from replicate.targets.figure10 import LIMIT_DEG, figure10, picture_name
+from replicate.targets.pose_numbers import rows_of
 from replicate.targets.reference.times import TARGET
+from replicate.targets.table2.charts import open_table2, table2_figures
 from replicate.targets.table2.rows import CURVES
 
-CHARTS = ("bench_ladder", "bench_roofline")  # benchmarks whose charts their rows suffice for
-OF_A_POSE = ("figure01", "figure09", "figure10")  # targets whose pictures Table 2's poses suffice for
+CHARTS = ("bench_ladder", "bench_roofline")  # benchmarks whose charts are drawn from their rows
+OF_A_POSE = ("figure01", "figure09", "figure10")  # targets whose pictures are drawn from Table 2's poses
 
 
 def redraw(characters: Collection[str], renderer: str | None = None) -> list[Path]:
     """Draw the pictures of some characters anew from the committed results, and return their files.
 
-    Raises InputError, before it draws anything, for a tree with changes: no commit would tell how they were drawn.
+    Raises InputError, before it draws anything, for a tree with changes: no commit would say how they were drawn.
     """
     state = git_state()
     if not (state and state["clean"]):
@@ -52,12 +60,9 @@ def redraw(characters: Collection[str], renderer: str | None = None) -> list[Pat
 def put_numbers(characters: Collection[str]) -> list[Path]:
     """Write the numbers of Figures 1, 9 and 10 anew from the committed poses of some characters; return the files.
 
-    Of a figure those characters have rows that have its picture and a pose. Their entries in the manifest then name
-    Table 2's run, which the poses are of.
+    Characters without a committed picture of the figure, or without a pose, are skipped. The manifest's entries of the
+    others then name Table 2's run, which made the poses.
     """
-    from replicate.targets.figure10 import LIMIT_DEG
-    from replicate.targets.pose_numbers import rows_of
-
     folder, runs, files = paths.REFERENCE, manifest.entries(paths.REFERENCE, manifest.TOP), []
     for figure in OF_A_POSE:
         entries, rows = manifest.entries(folder, figure), []
@@ -70,38 +75,32 @@ def put_numbers(characters: Collection[str]) -> list[Path]:
             entries[name] = _entry_of_poses(figure, name, facts, entries.get(name, {}))
         if rows:
             files.append(folder / f"{figure}.csv")
-            merge(files[-1], rows, lambda row, own=tuple(row.character for row in rows): row.character not in own)
+            merge(files[-1], rows, lambda row, new=tuple(row.character for row in rows): row.character not in new)
             manifest.write_entries(folder, figure, dict(sorted(entries.items())))
     return files
 
 
 def _entry_of_poses(figure: str, character: str, facts: dict, earlier: dict) -> dict:
-    """Return what the manifest says of a figure's numbers that come from Table 2's poses.
+    """Return the manifest's entry of a figure whose numbers come from Table 2's poses.
 
-    facts, earlier: Table 2's entry, and the figure's own so far. How long the figure's stage took is still said.
+    facts: Table 2's entry. earlier: the figure's entry so far, of which the time of the figure's stage is kept.
     """
     pictures = paths.REFERENCE.glob(f"{figure}_{character}*")
-    own = re.compile(rf"{re.escape(f'{figure}_{character}')}(_\w+)?\.(png|json)")
+    pattern = re.compile(rf"{re.escape(f'{figure}_{character}')}(_\w+)?\.(png|json)")
     last = f"{figure}-{character}"
     return {
         **{key: facts[key] for key in ("profile", "split", "run", manifest.DRAWN) if key in facts},
         "seeds": [min(facts["seeds"])],
         manifest.POSES: f"table2_{character}_pose*.npz",
-        "files": sorted(file.name for file in pictures if own.fullmatch(file.name)),
+        "files": sorted(file.name for file in pictures if pattern.fullmatch(file.name)),
         "stages": {title: stage for title, stage in earlier.get("stages", {}).items() if title == last},
     }
 
 
 def _of_table2(characters: Collection[str], renderer: str | None) -> list[Path]:
-    from replicate.drawing.face_sheet import LARGEST_BYTES
-    from replicate.drawing.panels import save_figure
-    from replicate.targets.figure01 import figure01
-    from replicate.targets.figure10 import LIMIT_DEG, figure10, picture_name
-    from replicate.targets.table2.charts import open_table2, table2_figures
-
     results, files = open_table2(paths.REFERENCE), []
     for character in results.characters:
-        if character in characters and character in results.poses:  # of a face from elsewhere there are no meshes
+        if character in characters and character in results.poses:  # a face from elsewhere has no committed meshes
             figures = list(table2_figures(results, character, LIMIT_DEG, renderer))
             record = results.poses[character][FOLDED]
             close = picture_name(record, "forehead")
@@ -116,10 +115,6 @@ def _of_table2(characters: Collection[str], renderer: str | None) -> list[Path]:
 
 
 def _charts(characters: Collection[str]) -> list[Path]:
-    from replicate.benchmarks.bench_ladder import ladder_figure
-    from replicate.benchmarks.bench_roofline import roofline_figure
-    from replicate.drawing.panels import save_figure
-
     files = []
     for target, chart in zip(CHARTS, (ladder_figure, roofline_figure), strict=True):
         rows = read_results(paths.REFERENCE / f"{target}.csv")
@@ -132,7 +127,7 @@ def _charts(characters: Collection[str]) -> list[Path]:
 
 
 def _head_of(character: str) -> str:
-    """Return whose head a character has: that of a rung of the ladder, teen@1, is the teen's."""
+    """Return the character whose head a variant has: a rung of the ladder, teen@1, has the teen's."""
     return character.partition("@")[0]
 
 
@@ -147,20 +142,20 @@ if __name__ == "__main__":
     sys.exit(guard(lambda: main(sys.argv[1:])))
 
 
-# What a run's first seed brings of poses and curves to characters whose other methods are committed already.
+# Poses and curves of a run's first seed, for characters whose other methods are committed already.
 
-TOLERANCE_MM = 0.02  # within which two records show the same face: both are rounded
+TOLERANCE_MM = 0.02  # rounded records of the same face differ by less
 
 
 def put_first_seed(run: Path, shared: Collection[str]) -> list[Path]:
     """Put a run's methods into the committed poses and curves of the shared characters; return the files.
 
-    Pictures are of a character's first seed, so that a run of other seeds changes nothing. A pose that was chosen by
-    another method, as in a run without the one that ranks them, stays as it is. Pictures are not drawn:
-    `redrawn_pictures` does that.
+    Poses are of a character's first seed, so that a run of other seeds changes nothing. A committed pose stays if
+    another method chose the run's, as in a run without the method that ranks them. Pictures are not drawn: see
+    `redraw`.
     """
-    before, own = (manifest.entries(folder, TARGET) for folder in (paths.REFERENCE, run))
-    names = [name for name in shared if min(own[name]["seeds"]) == min(before[name]["seeds"])]
+    before, of_run = (manifest.entries(folder, TARGET) for folder in (paths.REFERENCE, run))
+    names = [name for name in shared if min(of_run[name]["seeds"]) == min(before[name]["seeds"])]
     files = [file for name in names for choice in CHOICES for file in _put_pose(run, name, choice)]
     into = paths.REFERENCE / CURVES
     if names and (run / CURVES).is_file() and into.is_file():

@@ -35,55 +35,55 @@ TARGET = "table2"
 
 
 def shared_characters(run: Path, into: Path | None = None) -> list[str]:
-    """Return the characters of which a run and the committed results have a Table 2, so that seeds can be joined.
+    """Return the characters with a Table 2 in a run and among the committed results, so that seeds can be joined.
 
-    into: the folder of the committed ones, REFERENCE by default. Raises InputError for one whose configurations differ
-    in more than the seed, and in the sections of methods of which the run has all committed seeds, or nothing at all.
+    into: the folder of the committed results, REFERENCE by default. Raises InputError if configurations differ in more
+    than the seed. Sections of methods may differ if the run has all committed seeds of the method, or none.
     """
     folders = (into or paths.REFERENCE, run)
-    committed, own = (manifest.entries(folder, TARGET) for folder in folders)
+    committed, of_run = (manifest.entries(folder, TARGET) for folder in folders)
     seeds = [_seeds_of(folder) for folder in folders]
-    both = [name for name in own if name in committed]
+    both = [name for name in of_run if name in committed]
     for name in both:
         old, new = (_seeds_of_methods(of_character(rows, name)) for rows in seeds)
-        anew = {method for method, numbers in new.items() if old.get(method, set()) <= numbers}
+        anew = {method for method, its_seeds in new.items() if old.get(method, set()) <= its_seeds}
         for key in ("profile", "split", "configuration"):
-            entries = (_without(entry[name].get(key), anew | _sections_of_others(new)) for entry in (committed, own))
+            entries = (_without(entry[name].get(key), anew | _sections_of_others(new)) for entry in (committed, of_run))
             if difference := next(differences(key, *entries), None):
                 raise InputError(f"{name}: its seeds can't join the committed ones, since {difference}")
     return both
 
 
-def differences(key: str, committed: object, own: object) -> Iterator[str]:
-    """Yield a phrase for each value that two configurations have both, and that differs; tables are gone through."""
-    if isinstance(committed, dict) and isinstance(own, dict):
-        for name in sorted(committed.keys() & own.keys()):
-            yield from differences(name if key == "configuration" else f"{key}.{name}", committed[name], own[name])
-    elif committed != own and committed is not None and own is not None:
-        yield f"{key} is {own!r} here and {committed!r} there"
+def differences(key: str, committed: object, new: object) -> Iterator[str]:
+    """Yield a phrase for each value that both configurations have and that differs, also inside nested tables."""
+    if isinstance(committed, dict) and isinstance(new, dict):
+        for name in sorted(committed.keys() & new.keys()):
+            yield from differences(name if key == "configuration" else f"{key}.{name}", committed[name], new[name])
+    elif committed != new and committed is not None and new is not None:
+        yield f"{key} is {new!r} here and {committed!r} there"
 
 
 def put_table2(run: Path, shared: Collection[str], into: Path | None = None) -> list[Path]:
-    """Put a run's Table 2 among the committed results, numbers and manifest; return the files.
+    """Put the numbers and manifest of a run's Table 2 among the committed results; return the files.
 
-    into: their folder, REFERENCE by default.
+    Each character's seeds replace the committed ones; those of the shared characters join them. In a seed of both the
+    run's methods replace the committed ones, and other methods stay. Characters that the run lacks stay.
 
-    Each character's seeds replace the committed ones; those of the shared characters join them. Of a seed that both
-    have, a method that both have is the run's, and the others stay. Characters that the run lacks stay.
+    into: the folder of the committed results, REFERENCE by default.
     """
     into = into or paths.REFERENCE
     seeds, of_run = (_seeds_of(folder) for folder in (into, run))
     entries = manifest.entries(into, TARGET)
     table, single = into / ROWS, into / SEEDS
     for character, facts in manifest.entries(run, TARGET).items():
-        own = of_character(seeds, character) if character in shared else {}
+        by_seed = of_character(seeds, character) if character in shared else {}
         new = of_character(of_run, character)
-        own |= {seed: _beside(own.get(seed, ()), rows) for seed, rows in new.items()}
-        rows = over_seeds([own[seed] for seed in sorted(own)])
+        by_seed |= {seed: _beside(by_seed.get(seed, ()), rows) for seed, rows in new.items()}
+        rows = over_seeds([by_seed[seed] for seed in sorted(by_seed)])
         run_name = joint_run(rows)
         rows = [replace(row, run=run_name) for row in rows]
         merge(table, rows, lambda row, name=character: row.character != name)
-        seeds = joined(where(seeds, character.__ne__), own)
+        seeds = joined(where(seeds, character.__ne__), by_seed)
         earlier = entries.get(character)
         if character in shared:
             others = _sections_of_others(_seeds_of_methods(new))
@@ -97,7 +97,7 @@ def put_table2(run: Path, shared: Collection[str], into: Path | None = None) -> 
 
 
 def _seeds_of_methods(seeds: Mapping[int, Sequence[Row]]) -> dict[str, set[int]]:
-    """Return which seeds each method has."""
+    """Return the seeds of each method."""
     found: dict[str, set[int]] = {}
     for seed, rows in seeds.items():
         for row in rows:
@@ -106,25 +106,25 @@ def _seeds_of_methods(seeds: Mapping[int, Sequence[Row]]) -> dict[str, set[int]]
 
 
 def _sections_of_others(methods: Collection[str]) -> set[str]:
-    """Return the sections of the configuration that belong to one method alone, which is none of these."""
+    """Return the sections of the configuration that belong to a single method other than these."""
     return {name for name, method in method_registry.methods().items() if method.own} - set(methods)
 
 
 def _without(facts: object, names: Collection[str]) -> object:
-    """Return a configuration without some of its sections; anything else as it is."""
+    """Return a configuration without some of its sections; return anything else unchanged."""
     return {name: value for name, value in facts.items() if name not in names} if isinstance(facts, dict) else facts
 
 
 def _beside(committed: Sequence[Row], new: Sequence[Row]) -> list[Row]:
-    """Return the new rows of a character's seed, and the committed ones of methods that they lack."""
+    """Return the new rows of a character's seed, and the committed rows of the other methods."""
     methods = {row.method for row in new}
     return [*new, *(row for row in committed if row.method not in methods)]
 
 
 def _seeds_of(folder: Path) -> dict[int, list]:
-    """Return the rows of each seed in a folder of results; a table of one seed has them itself.
+    """Return the rows of each seed in a folder of results; with a single seed they are those of the table.
 
-    Raises InputError for a character with several seeds whose single ones are not there.
+    Raises InputError for a character with several seeds whose rows by seed are missing.
     """
     file = folder / SEEDS
     seeds = read_seeds(file) if file.is_file() else {}
@@ -138,13 +138,13 @@ def _seeds_of(folder: Path) -> dict[int, list]:
     return seeds
 
 
-# Table 3 of a run on a machine with a GPU, among the committed results in a folder of its own.
+# Table 3 of a run on a machine with a GPU, which is committed in a separate folder.
 
 TIMED_TARGET = "table3"
 
 
 def is_of_gpu(run: Path) -> bool:
-    """Return whether a run's Table 3 has times on a GPU. Raises InputError where some characters lack them."""
+    """Return whether a run's Table 3 has times on a GPU. Raises InputError if only some characters have them."""
     rows = read_results(run / FILE) if (run / FILE).is_file() else []
     every = dict.fromkeys(row.character for row in rows)
     timed = {row.character for row in rows if row.metric == f"time_{GRAPHICS}"}
@@ -155,7 +155,7 @@ def is_of_gpu(run: Path) -> bool:
 
 
 def put_gpu_times(run: Path, into: Path) -> list[Path]:
-    """Put a run's Table 3 into a folder, numbers and manifest; characters that it lacks stay. Return the file."""
+    """Put the numbers and manifest of a run's Table 3 into a folder, where other characters stay; return the file."""
     rows = read_results(run / FILE)
     characters = {row.character for row in rows}
     into.mkdir(parents=True, exist_ok=True)
@@ -165,7 +165,7 @@ def put_gpu_times(run: Path, into: Path) -> list[Path]:
     return [into / FILE]
 
 
-# About how long Table 2 takes, by profile and character, as a table: from the times of the committed results.
+# About how long Table 2 takes, by profile and character, from the times of the committed results.
 
 CHARACTERS = ("teen", "woman", "dragon", "toon")
 WORKERS = 2
@@ -178,7 +178,7 @@ COMMANDS = (
 
 
 def times_card(folder: Path) -> Table:
-    """Return how long `make table2` takes from an empty cache, as it says itself before it starts.
+    """Return how long `make table2` takes from an empty cache, by the estimate that it prints before it starts.
 
     folder: the results whose manifest has the times of stages.
     """

@@ -1,4 +1,4 @@
-"""How hard is a rig? What simple regressions, few components, small maps and sums of controls miss of its poses."""
+"""Report how hard a rig is: what simple regressions, few components, small maps and sums of controls miss of it."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -15,18 +15,18 @@ from replicate.report import manifest
 from replicate.report.publication import CharacterResult, by_character, publish_rows, results_folder
 from replicate.report.results import write_results
 from replicate.report.tables import as_text
-from replicate.targets.rig_report import rows
 from replicate.targets.rig_report import rows as rig_report_rows
-from replicate.targets.rig_report.rows import ReportNumbers, rows_of
+from replicate.targets.rig_report.rows import ReportSettings, rows_of
 from replicate.targets.rig_report.shown import Measurements, report_figure, report_table
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stage that holds one character's rows and figure, behind those that measure it."""
-    measured = [stage(plan) for stage in (rows.fits_stage, rows.pairs_stage, rows.maps_stage)]
+    """Return the stages that measure one character, then the one that writes its rows and figure."""
+    measuring = (rig_report_rows.fits_stage, rig_report_rows.pairs_stage, rig_report_rows.maps_stage)
+    measured = [stage(plan) for stage in measuring]
     shared = (stage(plan) for stage in (artefacts.rig_stage, artefacts.influence_stage, artefacts.rigid_stage))
-    numbers = ReportNumbers(plan.character, plan.config.profile, plan.config.seed)
-    return [*measured, plan.stage("rig_report", write_report, numbers, *shared, *measured)]
+    settings = ReportSettings(plan.character, plan.config.profile, plan.config.seed)
+    return [*measured, plan.stage("rig_report", write_report, settings, *shared, *measured)]
 
 
 def write_report(context: StageContext) -> None:
@@ -39,35 +39,34 @@ def run(options: argparse.Namespace) -> None:
     publish(make(options, stages))
 
 
-# One character's part of the rig report: its rows, its strongest pairs of controls, and its figure.
+# One character's part of the report.
 
 NAME = "rig_report"
 ROWS = f"{NAME}.csv"
 
 
-def write_all(settings: ReportNumbers, inputs: Mapping[str, Path], folder: Path) -> None:
-    """Write the rows, and a character's figure with its words and the pairs behind it."""
+def write_all(settings: ReportSettings, inputs: Mapping[str, Path], folder: Path) -> None:
+    """Write a character's rows, its strongest pairs of controls, and its figure with its words."""
     rig, pairs = artefacts.load_rig(inputs), rig_report_rows.load_pairs(inputs)
     rows, lines = rows_of(settings, inputs), rig_report_rows.strongest_pairs(rig, pairs)
     write_results(folder / ROWS, rows)
     rig_report_rows.write_pairs(folder / f"{NAME}_{settings.character}_pairs.csv", lines)
     facts, spectrum = rig_report_rows.load_facts(inputs), rig_report_rows.load_spectrum(inputs)
-    numbers = Measurements(
+    measured = Measurements(
         settings.character, rows, lines, spectrum, facts["curve"], artefacts.load_influence(inputs).sum(1),
         pairs.vertex_ratio(),
     )  # fmt: skip
-    figure, words = report_figure(rig.mesh, numbers)
+    figure, words = report_figure(rig.mesh, measured)
     save_figure(figure, folder / f"{NAME}_{settings.character}.png", words)
 
 
-# The rig report as a person reads it: its files in results/runs/<profile>/, printed, with its notebook.
+# The report of all characters: its files in results/runs/<profile>/, printed, with its notebook.
 
 
 def publish(results: Sequence[CharacterResult]) -> None:
     """Write the report of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
-    Of several seeds the means are written, and the figure and pairs of the first. Results of characters that are not
-    among them stay, as far as they are whole.
+    Several seeds are averaged; the figure and the pairs are of the first. Complete results of other characters stay.
     """
     print(as_text(report_table(publish_rows(NAME, results))))
     folder = display_path(results_folder(results[0].config.profile))

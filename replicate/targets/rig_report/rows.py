@@ -11,7 +11,9 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 
 from data_recipes.rig import Rig, has_function
-from replicate.approximation.metrics import summary
+from replicate.approximation import metrics
+from replicate.approximation.metrics import Errors, evaluate, normal_error, summary, unique_poses
+from replicate.approximation.rigid import attach
 from replicate.base.tables import Column, read_csv, write_csv
 from replicate.config import ReportFitsConfig
 from replicate.engine.stage import Stage, StageContext
@@ -20,22 +22,18 @@ from replicate.methods import artefacts
 from replicate.methods.measurement import measured_poses
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, error_rows, run_name
+from replicate.rig_study.interaction import Interaction, acting_steps, draw_pairs, interaction, no_interaction
 
 if TYPE_CHECKING:
     import pandas
 
-    import replicate.approximation.metrics
     import replicate.approximation.samples
     import replicate.baselines.ridge
-    import replicate.rig_study.interaction
-
-
-# The settings of the stage that writes a character's rig report.
 
 
 @dataclass(frozen=True)
-class ReportNumbers:
-    """Whose report is written, and as rows of which profile."""
+class ReportSettings:
+    """The settings of the stage that writes a character's report: the labels of its rows."""
 
     character: str
     profile: str
@@ -48,7 +46,7 @@ LIMIT_MM = 0.1  # a pair whose mixed difference is larger somewhere interacts
 
 @dataclass(frozen=True)
 class Entry:
-    """A number: what it is of, what it says, and on how many poses it stands."""
+    """A value of a row, without the columns that all rows share. segment: "" for the whole mesh."""
 
     method: str
     metric: str
@@ -58,7 +56,7 @@ class Entry:
     segment: str = ""
 
 
-def rows_of(settings: ReportNumbers, inputs: Mapping[str, Path]) -> list[Row]:
+def rows_of(settings: ReportSettings, inputs: Mapping[str, Path]) -> list[Row]:
     """Return a character's rows.
 
     inputs: the folders of the stages "rig", "influence", "rigid", "rig_fits", "rig_pairs" and "rig_maps".
@@ -79,14 +77,14 @@ def rows_of(settings: ReportNumbers, inputs: Mapping[str, Path]) -> list[Row]:
     return rows + [_row(entry, settings, run) for entry in entries]
 
 
-def _row(entry: Entry, settings: ReportNumbers, run: str) -> Row:
+def _row(entry: Entry, settings: ReportSettings, run: str) -> Row:
     table, metric = (SEGMENTS, f"{entry.metric}[{entry.segment}]") if entry.segment else (TABLE, entry.metric)
     facts = (entry.unit, float(entry.value), None, 1, entry.poses, settings.profile, run)
     return Row(table, settings.character, entry.method, metric, *facts)
 
 
 def _fit_entries(facts: dict) -> Iterator[Entry]:
-    """Yield what the fits are made of; a count of components that more than all would reach is left out."""
+    """Yield the samples, strengths and features of the fits, and counts of components where enough exist."""
     for name, features in facts["features"].items():
         yield Entry(name, "features", "count", features)
         yield Entry(name, "samples", "count", facts["samples"])
@@ -101,7 +99,7 @@ def _fit_entries(facts: dict) -> Iterator[Entry]:
 
 
 def _control_entries(influence: np.ndarray, vertices: Mapping[str, np.ndarray]) -> Iterator[Entry]:
-    """Yield how many controls move a vertex, over all vertices and over each segment's."""
+    """Yield how many controls move a vertex, over all vertices and over those of each segment."""
     counts = influence.sum(1)
     yield Entry("influence", "controls", "count", influence.shape[1])
     for name, members in {"": slice(None), **vertices}.items():
@@ -110,10 +108,10 @@ def _control_entries(influence: np.ndarray, vertices: Mapping[str, np.ndarray]) 
             yield Entry("influence", f"controls_per_vertex_{statistic}", "count", value, segment=name)
 
 
-def _pair_entries(pairs: "replicate.rig_study.interaction.Interaction") -> Iterator[Entry]:
+def _pair_entries(pairs: Interaction) -> Iterator[Entry]:
     poses = len(pairs.mixed_mm)
     if not poses:
-        return  # of a rig that can't be tried
+        return  # the rig has no function to try
     yield Entry("pairs", "pairs", "count", len(pairs.pairs))
     kinds = {"": slice(None), "[default]": slice(0, 1), "[animation]": slice(1, None)}
     for kind, rows in kinds.items():
@@ -125,10 +123,8 @@ def _pair_entries(pairs: "replicate.rig_study.interaction.Interaction") -> Itera
         yield Entry("pairs", "mixed_difference_max", "mm", pairs.mixed_mm.max(), poses)
 
 
-def _map_entries(
-    floors: "Mapping[int, replicate.approximation.metrics.Errors]", vertices: Mapping[str, int]
-) -> Iterator[Entry]:
-    """Yield the mean errors of each map size and the vertices that share a texel, on the whole and by segment."""
+def _map_entries(floors: Mapping[int, Errors], vertices: Mapping[str, int]) -> Iterator[Entry]:
+    """Yield the mean errors of each map size and the vertices per texel, over the whole mesh and by segment."""
     for size, errors in floors.items():
         poses, groups = len(errors.pose_mm), {"": None, **{n: k for k, n in enumerate(errors.group_names)}}
         for name, group in groups.items():
@@ -142,7 +138,7 @@ def _map_entries(
         yield Entry("maps", f"vertices_per_texel[{size}]", "ratio", sum(vertices.values()) / texels)
 
 
-# The stage "rig_pairs": how much pairs of controls change what each other does, and the pairs that do it most.
+# The stage "rig_pairs": how much two controls change each other's effect, and the pairs that do it most.
 
 FILE = "interaction.npz"
 STRONGEST = 10
@@ -161,13 +157,10 @@ def pairs_stage(plan: Plan) -> Stage:
 
 
 def measure_pairs(context: StageContext) -> None:
-    """Measure how pairs of controls that move one segment interact, from the default pose and from some test poses.
+    """Measure how pairs of controls that move the same segment interact, in the default pose and in some test poses.
 
-    A rig that is known by its samples alone can't be tried.
+    A rig that is known by its samples alone can't be tried and gets no pairs.
     """
-    from replicate.approximation.metrics import unique_poses
-    from replicate.rig_study.interaction import acting_steps, draw_pairs, interaction, no_interaction
-
     section, inputs = context.config.section, context.inputs
     rig, samples, influence = (
         artefacts.load_rig(inputs),
@@ -189,18 +182,16 @@ def measure_pairs(context: StageContext) -> None:
     context.note(pairs=len(pairs), poses=len(poses), ratio=differences.ratio())
 
 
-def load_pairs(inputs: Mapping[str, Path]) -> "replicate.rig_study.interaction.Interaction":
-    """Return the differences of all pairs; the default pose is the first."""
-    from replicate.rig_study.interaction import Interaction
-
+def load_pairs(inputs: Mapping[str, Path]) -> Interaction:
+    """Return the differences of all pairs; the first pose is the default one."""
     with np.load(inputs["rig_pairs"] / FILE, allow_pickle=False) as stored:
         return Interaction(**{entry.name: stored[entry.name] for entry in fields(Interaction)})
 
 
-def strongest_pairs(rig: Rig, pairs: "replicate.rig_study.interaction.Interaction") -> list[tuple]:
-    """Return the strongest pairs, a line of `PAIR_COLUMNS` each: controls, where, from which pose, and how far in mm.
+def strongest_pairs(rig: Rig, pairs: Interaction) -> list[tuple]:
+    """Return a line of `PAIR_COLUMNS` for each of the strongest pairs: two controls, segment, pose and lengths in mm.
 
-    The lengths are the largest of any vertex: of the mixed difference, and of either control alone from that pose.
+    The lengths are the largest of any vertex: of the mixed difference, and of either control alone in that pose.
     """
     if not len(pairs.mixed_mm):
         return []
@@ -237,10 +228,8 @@ def maps_stage(plan: Plan) -> Stage:
 
 
 def measure_maps(context: StageContext) -> None:
-    """Measure the floor of each map size on test poses; rigid segments follow by their attachments, as in Table 2."""
+    """Measure the floor of each map size on test poses; rigid segments follow their attachments, as in Table 2."""
     from replicate.approximation.deformation_map import Floor
-    from replicate.approximation.metrics import evaluate, unique_poses
-    from replicate.approximation.rigid import attach
 
     section, inputs = context.config.section, context.inputs
     mesh, samples, attachments = (
@@ -262,27 +251,25 @@ def measure_maps(context: StageContext) -> None:
             evaluate(mesh, *truth, {"maps": on_maps}, rigid, progress=bar)["maps"].save(context.out / f"{size}.npz")
 
 
-def load_map_floors(inputs: Mapping[str, Path]) -> "dict[int, replicate.approximation.metrics.Errors]":
+def load_map_floors(inputs: Mapping[str, Path]) -> dict[int, Errors]:
     """Return the errors of each map size, in pixels."""
-    from replicate.approximation.metrics import load_errors
-
     files = sorted(inputs["rig_maps"].glob("*.npz"), key=lambda file: int(file.stem))
-    return {int(file.stem): load_errors(file) for file in files}
+    return {int(file.stem): metrics.load_errors(file) for file in files}
 
 
 # The stage "rig_fits": what regressions from rig parameters to PCA coefficients miss of held-out poses.
 
 METHODS = ("neutral", "linear", "squares", "products", "basis")
-SHARES = (0.99, 0.999, 0.9999)  # of the variance
-LIMITS_DEG = (0.5, 0.25)  # on the mean normal error
+SHARES = (0.99, 0.999, 0.9999)  # of the variance, for which components are counted
+LIMITS_DEG = (0.5, 0.25)  # of the mean normal error, for which components are counted
 FACTS, SPECTRUM = "facts.json", "spectrum.npy"
 CHUNK = 512  # samples at a time
-TIMES = {"linear": 1, "squares": 1, "products": 8}  # of the fits, beside the basis' 2 and all errors' 4
+TIMES = {"linear": 1, "squares": 1, "products": 8}  # steps of progress; the basis has 2, all errors 4
 
 
 @dataclass(frozen=True)
-class FitNumbers:
-    """What the fits depend on; of the test poses as many are taken as Table 2 takes, and the same ones."""
+class FitSettings:
+    """The settings of the fits; with the last three they are measured on the same test poses as Table 2."""
 
     section: ReportFitsConfig
     test_poses: int
@@ -293,19 +280,18 @@ class FitNumbers:
 def fits_stage(plan: Plan) -> Stage:
     """Return the stage that fits and measures the regressions."""
     evaluation, modules = plan.config.evaluation, (artefacts.rig_stage, artefacts.samples_stage, artefacts.rigid_stage)
-    numbers = FitNumbers(plan.config.rig_report.fits, evaluation.test_poses, evaluation.batch, plan.config.seed)
-    return plan.stage("rig_fits", fit_regressions, numbers, *(stage(plan) for stage in modules))
+    settings = FitSettings(plan.config.rig_report.fits, evaluation.test_poses, evaluation.batch, plan.config.seed)
+    return plan.stage("rig_fits", fit_regressions, settings, *(stage(plan) for stage in modules))
 
 
 def fit_regressions(context: StageContext) -> None:
-    """Fit the regressions, measure them on the test poses, and count the components that these need."""
-    from replicate.approximation.metrics import evaluate
+    """Fit the regressions, measure them on the test poses, and count the components that the poses need."""
     from replicate.baselines.ridge import principal_components
 
-    numbers, section = context.config, context.config.section
+    settings, section = context.config, context.config.section
     mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     rigid = artefacts.load_attachments(context.inputs).segment.tolist()
-    poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
+    poses = measured_poses(samples.test_params, settings.test_poses, settings.seed)
     with context.progress(6 + sum(TIMES.values()), "rig report, fits") as bar:
         some = _choose(context.rng("basis"), len(samples), section.basis_samples)
         basis = principal_components(samples.offsets(some), section.components)
@@ -313,7 +299,7 @@ def fit_regressions(context: StageContext) -> None:
         some = _choose(context.rng("fits"), len(samples), section.samples)
         predictors, facts = fit_all(mesh, samples, basis, some, section.strengths, bar.update)
         truth = samples.test_params[poses], samples.test_offsets[poses]
-        errors = evaluate(mesh, *truth, predictors, rigid, numbers.batch)
+        errors = evaluate(mesh, *truth, predictors, rigid, settings.batch)
         bar.update(4)
     for name, error in errors.items():
         error.save(context.out / f"{name}.npz")
@@ -332,10 +318,14 @@ def fit_all(
     strengths: tuple[float, ...],
     done: Callable[[int], None],
 ) -> tuple[dict[str, Callable], dict]:
-    """Return a predictor (parameters, truth) → vertices for each method, and the facts of the fits.
+    """Fit all regressions; return a predictor (parameters, truth) → vertices for each method, and facts of the fits.
 
-    rows: the training samples. The strength of each fit is that of the smallest error on the validation poses, in the
-    coefficients' mm. done: called with `TIMES` after each fit.
+    Each fit has the strength with the smallest error of the coefficients on the validation poses.
+
+    basis: the principal components of offsets
+    rows: indices of the training samples, (s,)
+    strengths: the penalties to try
+    done: called with a number of `TIMES` after each fit
     """
     from replicate.approximation.conditioning import parameter_scale
     from replicate.baselines.ridge import FITS, closest, feature_count, ridges
@@ -362,12 +352,11 @@ def fit_all(
 def component_counts(
     basis: "replicate.baselines.ridge.OffsetBasis", mesh: Mesh, offsets: Float[np.ndarray, "b n 3"]
 ) -> dict:
-    """Return how many components a share of the variance needs, and a mean normal error on some poses' true offsets.
+    """Return how many components reach a share of the variance, and a mean normal error on the poses of `offsets`.
 
-    Counts are by share in percent ("of_variance") and by limit in degrees ("within_deg"), None where all components are
-    too few; "curve" has the error, in degrees, of 1, 2, 4, … components.
+    Counts are by share in percent ("of_variance") and by limit in degrees ("within_deg"), None if all components
+    don't suffice; "curve" has the errors of 1, 2, 4, … components, in degrees.
     """
-    from replicate.approximation.metrics import normal_error
     from replicate.baselines.ridge import components_of_variance, components_within
 
     coefficients, truth = basis.project(offsets), mesh.neutral + np.asarray(offsets, np.float32)
@@ -388,11 +377,9 @@ def component_counts(
     }
 
 
-def load_errors(inputs: Mapping[str, Path]) -> "dict[str, replicate.approximation.metrics.Errors]":
+def load_errors(inputs: Mapping[str, Path]) -> dict[str, Errors]:
     """Return the errors of each of `METHODS`."""
-    from replicate.approximation.metrics import load_errors
-
-    return {name: load_errors(inputs["rig_fits"] / f"{name}.npz") for name in METHODS}
+    return {name: metrics.load_errors(inputs["rig_fits"] / f"{name}.npz") for name in METHODS}
 
 
 def load_facts(inputs: Mapping[str, Path]) -> dict:

@@ -1,4 +1,4 @@
-"""The rig report, printed: all characters side by side, one in full, its strongest pairs, and a line of a card."""
+"""The rig report in tables and a figure: all characters side by side, and each in full."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ def report_table(rows: Sequence[Row]) -> Table:
         body.append(_heading(f"{words}, mean over held-out poses", characters))
         body += [_line(rows, characters, label, name, f"{kind}_error_mean", unit) for name, label in LABELS.items()]
     body += [None, _heading("Principal components for", characters)]
-    body += [(words, *(_count(rows, c, f"components[{what}]") for c in characters)) for what, words in COUNTS.items()]
+    body += [(words, *(_count(rows, c, f"components[{key}]") for c in characters)) for key, words in COUNTS.items()]
     body += [None, _heading("Controls that can move a vertex", characters)]
     body += [
         _line(rows, characters, word, "influence", f"controls_per_vertex_{word}", "count")
@@ -76,7 +76,7 @@ def errors_table(rows: Sequence[Row], character: str) -> Table:
 
 
 def pairs_table(file: Path, character: str) -> Table | None:
-    """Return the pairs of controls of `control_pairs.write_pairs`, the strongest first; None where none was tried."""
+    """Return the pairs of controls in a file of `write_pairs`, the strongest first; None if none was tried."""
     lines = read_pairs(file).to_dict("records")
     if not lines:
         return None
@@ -90,11 +90,11 @@ def pairs_table(file: Path, character: str) -> Table | None:
 
 
 def beside_table2(table2: Sequence[Row], report: Sequence[Row], character: str) -> Table | None:
-    """Return a character's mean errors of Table 2's methods and of the report's fits; None without either."""
-    own = [row for row in table2 if row.table == "table2" and row.character == character]
-    if not own or not any(row.character == character for row in report):
+    """Return a character's mean errors of Table 2's methods and of the report's fits; None if either is missing."""
+    rows = [row for row in table2 if row.table == "table2" and row.character == character]
+    if not rows or not any(row.character == character for row in report):
         return None
-    lines = [(method_named(m).title, _errors(own, "table2", character, m)) for m in in_order({r.method for r in own})]
+    lines = [(method_named(m).title, _errors(rows, "table2", character, m)) for m in in_order({r.method for r in rows})]
     fits = [(f"Regression on {LABELS[name]}", name) for name in ("linear", "squares", "products")]
     fits.append(("PCA basis of these regressions", "basis"))
     lines += [None, *((label, _errors(report, TABLE, character, name)) for label, name in fits)]
@@ -105,7 +105,7 @@ def beside_table2(table2: Sequence[Row], report: Sequence[Row], character: str) 
 
 
 def report_card(rows: Sequence[Row]) -> Table:
-    """Return the table of the data card: a character a line, in the order of the paper's."""
+    """Return the table of the data card, a line for each character."""
     body = []
     for character in characters_of(rows):
         degrees = (_value(rows, character, name, "normal_error_mean") for name in ("neutral", "linear", "products"))
@@ -124,7 +124,7 @@ def report_card(rows: Sequence[Row]) -> Table:
 
 
 def map_sizes(rows: Sequence[Row]) -> list[int]:
-    """Return the widths of the maps that there are rows of, in pixels."""
+    """Return the widths of the maps in the rows, in pixels."""
     metrics = {row.metric for row in rows if row.table == TABLE and row.method == "maps"}
     return sorted(int(metric.partition("[")[2][:-1]) for metric in metrics if metric.startswith("normal_error"))
 
@@ -135,7 +135,7 @@ def _value(rows: Sequence[Row], character: str, method: str, metric: str) -> flo
 
 
 def _count(rows: Sequence[Row], character: str, metric: str) -> str:
-    """Return a count of components, or "> 512" where so many are too few."""
+    """Return a count of components, or "> 512" if all 512 don't suffice."""
     count, most = (_value(rows, character, "basis", name) for name in (metric, "components"))
     return f"> {most:,.0f}" if count is None and most else round_off(count, "count")
 
@@ -178,7 +178,7 @@ def _about(rows: Sequence[Row]) -> str:
     )
 
 
-# The rig report of one character as a figure: six panels that answer how hard its rig is.
+# The report of one character as a figure of six panels.
 
 LINE, ACCENT, SECOND = "#555555", "#0072B2", "#D55E00"
 BARS = {"neutral": "#BBBBBB", "linear": "#56B4E9", "squares": "#0072B2", "products": "#003F66", "basis": "#009E73"}
@@ -187,17 +187,20 @@ FACE = (396, 446)  # pixels
 SIZE = (WIDTH, 14.5)  # inches
 ROWS = (1.0, 1.0, 1.35)  # the heights of rows, in proportion
 SIZE_PT = LETTER_PT
-PAIRS = 6  # that are shown; the CSV file has more
-SMALLEST_DEG = 0.01  # lower end of the maps' errors: what lies below can't be seen
+PAIRS = 6  # pairs that are shown; the CSV file has more
+SMALLEST_DEG = 0.01  # lower end of the axis of the maps' errors; smaller ones can't be seen on a face
 
 
 @dataclass(frozen=True)
 class Measurements:
     """What the figure shows of a character.
 
-    rows: its rows of rig_report.csv. pairs: its strongest pairs, lines of `control_pairs.PAIR_COLUMNS`. spectrum: (c,),
-    each component's share of the variance. curve: (components, mean normal error in degrees) pairs. controls: (n,), how
-    many move each vertex. ratio: (n,), mixed over single differences; NaN where no pair of the draw moves a vertex.
+    rows: its rows of rig_report.csv
+    pairs: its strongest pairs, with the columns of `PAIR_COLUMNS`
+    spectrum: each component's share of the variance, (c,)
+    curve: pairs (components, mean normal error in degrees)
+    controls: how many controls move each vertex, (n,)
+    ratio: mixed over single differences at each vertex, (n,); NaN where no pair that was tried moves it
     """
 
     character: str
@@ -209,47 +212,47 @@ class Measurements:
     ratio: np.ndarray
 
     def value(self, method: str, metric: str) -> float | None:
-        """Return a number, or None."""
+        """Return the value of a row, or None."""
         row = find(self.rows, "rig_report", self.character, method, metric)
         return row.value if row else None
 
 
 def report_figure(
-    mesh: Mesh, numbers: Measurements, renderer: str | None = None
+    mesh: Mesh, measured: Measurements, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): errors of fits, components, controls a vertex, map sizes, and interaction twice.
+    """Return (figure, words): errors of fits, components, controls for a vertex, map sizes, and interaction twice.
 
-    Without pairs that were tried, the last two are left out.
+    The last two are left out if no pairs were tried.
     """
     from matplotlib.figure import Figure
 
-    tried = numbers.value("pairs", "pairs") is not None  # not of a rig that is known by its samples alone
+    tried = measured.value("pairs", "pairs") is not None  # not of a rig that is known by its samples alone
     heights = ROWS if tried else ROWS[:2]
     figure = Figure((SIZE[0], SIZE[1] * sum(heights) / sum(ROWS)), dpi=DPI, layout="constrained")
     rows = figure.subfigures(len(heights), 1, height_ratios=heights)  # each finds room for its own names
     (errors, components), (controls, maps), *more = (row.subplots(1, 2) for row in rows)
-    _draw_errors(errors, numbers)
-    _draw_components(components, numbers)
-    _draw_controls(controls, numbers)
-    _draw_maps(maps, numbers)
+    _draw_errors(errors, measured)
+    _draw_components(components, measured)
+    _draw_controls(controls, measured)
+    _draw_maps(maps, measured)
     for face, pairs in more:
-        _draw_face(figure, face, mesh, numbers, renderer)
-        _draw_pairs(pairs, numbers)
+        _draw_face(figure, face, mesh, measured, renderer)
+        _draw_pairs(pairs, measured)
     for axes in (*figure.axes, *(child for each in figure.axes for child in each.child_axes)):
         axes.tick_params(which="both", labelsize=SIZE_PT)
         for label in (axes.xaxis.label, axes.yaxis.label):
             label.set_fontsize(SIZE_PT)
-    figure.suptitle(f"How hard is a rig? {numbers.character}: {len(mesh.neutral):,} vertices, "
-                    f"{numbers.value('influence', 'controls'):,.0f} controls", fontsize=SIZE_PT)  # fmt: skip
-    return figure, _words(numbers)
+    figure.suptitle(f"How hard is a rig? {measured.character}: {len(mesh.neutral):,} vertices, "
+                    f"{measured.value('influence', 'controls'):,.0f} controls", fontsize=SIZE_PT)  # fmt: skip
+    return figure, _words(measured)
 
 
-def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
-    names = [name for name in BARS if numbers.value(name, "normal_error_mean") is not None]
-    degrees = [numbers.value(name, "normal_error_mean") for name in names]
+def _draw_errors(axes: "matplotlib.axes.Axes", measured: Measurements) -> None:
+    names = [name for name in BARS if measured.value(name, "normal_error_mean") is not None]
+    degrees = [measured.value(name, "normal_error_mean") for name in names]
     axes.barh(range(len(names)), degrees, color=[BARS[name] for name in names])
     for y, name in enumerate(names):
-        millimetres = round_off(numbers.value(name, "vertex_error_mean"), "mm")
+        millimetres = round_off(measured.value(name, "vertex_error_mean"), "mm")
         axes.annotate(f"{degrees[y]:.2f}°, {millimetres} mm", (degrees[y], y), (4, 0), textcoords="offset points",
                       va="center", fontsize=SIZE_PT)  # fmt: skip
     axes.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=SIZE_PT)
@@ -260,29 +263,29 @@ def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     tidy(axes)
 
 
-def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
+def _draw_components(axes: "matplotlib.axes.Axes", measured: Measurements) -> None:
     from matplotlib.ticker import LogLocator
 
-    left = np.maximum(1 - np.cumsum(numbers.spectrum), 1e-9)
+    left = np.maximum(1 - np.cumsum(measured.spectrum), 1e-9)
     axes.plot(np.arange(1, len(left) + 1), left, color=LINE)
     axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 20 * len(left)))
     axes.set_ylabel("variance left", color=LINE)
     for share in ("99", "99.9", "99.99"):
-        count = numbers.value("basis", f"components[{share} % of variance]")
+        count = measured.value("basis", f"components[{share} % of variance]")
         if count is not None:
             axes.plot(count, left[int(count) - 1], "o", color=LINE)
             axes.annotate(f"{share} %: {count:.0f}", (count, left[int(count) - 1]), (-5, -4),
                           textcoords="offset points", ha="right", va="top", fontsize=SIZE_PT, color=LINE)  # fmt: skip
     tidy(axes)
     degrees = axes.twinx()
-    degrees.plot(*np.transpose(numbers.curve), "-", color=SECOND)
+    degrees.plot(*np.transpose(measured.curve), "-", color=SECOND)
     degrees.set_yscale("log")
     degrees.set_ylabel("mean normal error, degrees", color=SECOND)
     for limit in ("0.5", "0.25"):
-        count = numbers.value("basis", f"components[{limit} degrees]")
+        count = measured.value("basis", f"components[{limit} degrees]")
         text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (6, 4), "full"
         if count is None:
-            text, place, shift, fill = f"{limit}°: > {len(left)}", numbers.curve[-1], (-64, -2), "none"
+            text, place, shift, fill = f"{limit}°: > {len(left)}", measured.curve[-1], (-64, -2), "none"
         degrees.plot(*place, "o", color=SECOND, fillstyle=fill)
         degrees.annotate(text, place, shift, textcoords="offset points", fontsize=SIZE_PT, color=SECOND)
     degrees.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -292,8 +295,8 @@ def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> Non
     axes.set_title("How many shapes it takes", fontsize=SIZE_PT)
 
 
-def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
-    counts = numbers.controls
+def _draw_controls(axes: "matplotlib.axes.Axes", measured: Measurements) -> None:
+    counts = measured.controls
     axes.hist(counts, bins=min(40, max(1, int(np.ptp(counts)))), color=ACCENT)
     median = float(np.median(counts))
     axes.axvline(median, color=LINE, linewidth=1)
@@ -305,8 +308,10 @@ def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     tidy(axes)
 
 
-def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, numbers, renderer) -> None:
-    corners = numbers.ratio[mesh.faces]
+def _draw_face(
+    figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, measured, renderer
+) -> None:
+    corners = measured.ratio[mesh.faces]
     finite = np.isfinite(corners).any(1)
     ratio = np.full(len(corners), np.nan)
     ratio[finite] = np.nanmean(corners[finite], axis=1)
@@ -318,36 +323,36 @@ def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes",
     bar.set_ticks((0.0, 0.05, 0.1, 0.15))
 
 
-def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
-    lines = numbers.pairs[:PAIRS]
+def _draw_pairs(axes: "matplotlib.axes.Axes", measured: Measurements) -> None:
+    lines = measured.pairs[:PAIRS]
     axes.barh(range(len(lines)), [line[4] for line in lines], color=SECOND)
     axes.set_yticks(range(len(lines)), [f"{_spoken(line[0])}\n× {_spoken(line[1])}" for line in lines])
     axes.invert_yaxis()
-    share, count = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "pairs"))
+    share, count = (measured.value("pairs", name) or 0.0 for name in ("interacting_share", "pairs"))
     axes.set_xlabel(f"largest mixed difference, mm;\nover 0.1 mm: {100 * share:.0f} %\nof {count:,.0f} pairs")
     axes.set_title("Which controls interact most", fontsize=SIZE_PT)
     tidy(axes)
 
 
 def _spoken(control: str) -> str:
-    """Return a control's name as a reader has it, short enough for the left of a chart."""
+    """Return a control's name in words, short enough for the left of a chart."""
     return control.replace("_left", " L").replace("_right", " R").replace("_", " ")
 
 
-def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
-    sizes = map_sizes(numbers.rows)
+def _draw_maps(axes: "matplotlib.axes.Axes", measured: Measurements) -> None:
+    sizes = map_sizes(measured.rows)
     per_segment: dict[str, list[tuple[int, float]]] = {}
-    for row in numbers.rows:
+    for row in measured.rows:
         if row.table == "rig_report_segments" and row.method == "maps" and row.metric.startswith("normal_error_mean["):
             size, name = row.metric[len("normal_error_mean[") : -1].split("][")
             if name != "rigid":  # they follow by their attachments, on maps of any size
                 per_segment.setdefault(name, []).append((int(size), row.value))
     for points in per_segment.values():
         axes.plot(*np.transpose(sorted(points)), color="0.75", linewidth=0.8, label="a segment")
-    whole = [numbers.value("maps", f"normal_error_mean[{size}]") for size in sizes]
+    whole = [measured.value("maps", f"normal_error_mean[{size}]") for size in sizes]
     axes.plot(sizes, whole, "o-", color=ACCENT, label="all; vertices a texel")
     for size, degrees in zip(sizes, whole, strict=True):
-        crowd = numbers.value("maps", f"vertices_per_texel[{size}]")
+        crowd = measured.value("maps", f"vertices_per_texel[{size}]")
         axes.annotate(
             f"{crowd:.2g}", (size, degrees), (3, 5), textcoords="offset points", fontsize=SIZE_PT, color=ACCENT
         )
@@ -361,31 +366,31 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     tidy(axes)
 
 
-def _words(numbers: Measurements) -> Words:
+def _words(measured: Measurements) -> Words:
     fits = "; ".join(
-        f"{LABELS[name]} {numbers.value(name, 'normal_error_mean'):.2f}° and "
-        f"{round_off(numbers.value(name, 'vertex_error_mean'), 'mm')} mm"
+        f"{LABELS[name]} {measured.value(name, 'normal_error_mean'):.2f}° and "
+        f"{round_off(measured.value(name, 'vertex_error_mean'), 'mm')} mm"
         for name in BARS
     )
-    share, ratio = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "mixed_over_single"))
+    share, ratio = (measured.value("pairs", name) or 0.0 for name in ("interacting_share", "mixed_over_single"))
     tried = (
         f"{100 * share:.0f} % of the pairs tried change each other's effect by more than 0.1 mm somewhere.",
         f"Mixed differences of two controls are {100 * ratio:.1f} % of the single ones (root mean squares; grey: no "
         "pair of the draw moves it).",
     )
-    if untried := numbers.value("pairs", "pairs") is None:
+    if untried := measured.value("pairs", "pairs") is None:
         tried = ("How its controls interact is not known: this rig is known by its samples alone.",) * 2
     panels = "Four" if untried else "Six"
     return Words(
-        f"{panels} panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. "
-        f"A vertex is moved by {np.median(numbers.controls):.0f} controls (median). {tried[0]}",
-        f"How hard {numbers.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
-        f"{features_text(numbers.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
+        f"{panels} panels about the rig {measured.character}. Mean errors of held-out poses: {fits}. "
+        f"A vertex is moved by {np.median(measured.controls):.0f} controls (median). {tried[0]}",
+        f"How hard {measured.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
+        f"{features_text(measured.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
         "offsets by least squares.",
     )
 
 
-# What the rig report calls its fits.
+# The names of the fits.
 
 LABELS = {
     "neutral": "neutral pose",
@@ -397,6 +402,6 @@ LABELS = {
 
 
 def features_text(value: Callable[[str, str], float | None]) -> str:
-    """Return how many features each fit has, as a sentence. value: (method, metric) → a number or None."""
+    """Return how many features each fit has, in a sentence. value: (method, metric) → its value or None."""
     counts = {LABELS[name]: value(name, "features") for name in ("linear", "squares", "products")}
     return "; ".join(f"{label}: {count:,.0f} features" for label, count in counts.items() if count is not None) + "."

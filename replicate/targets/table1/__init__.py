@@ -10,8 +10,11 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
-from replicate.report.publication import CharacterResult, results_folder
-from replicate.targets.table1.rows import SizeNumbers
+from replicate.report.publication import CharacterResult, publish_rows, results_folder
+from replicate.report.results import read_results, write_results
+from replicate.report.tables import as_text
+from replicate.targets.table1.rows import SizeSettings, rows_of
+from replicate.targets.table1.tables import size_claim, table1
 
 FILE = "table1.csv"
 
@@ -21,15 +24,12 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     config = plan.config
     shapes = map(shape_of, (config.coarse, config.refinement))
     modules = (artefacts.rig_stage, artefacts.influence_stage, artefacts.rigid_stage, artefacts.squares_stage)
-    numbers = SizeNumbers(plan.character, config.profile, *shapes)
-    return [plan.stage("table1", count, numbers, *(stage(plan) for stage in modules))]
+    settings = SizeSettings(plan.character, config.profile, *shapes)
+    return [plan.stage("table1", count, settings, *(stage(plan) for stage in modules))]
 
 
 def count(context: StageContext) -> None:
     """Count one character's segments and weigh its models."""
-    from replicate.report.results import write_results
-    from replicate.targets.table1.rows import rows_of
-
     write_results(context.out / FILE, rows_of(context.config, context.inputs))
 
 
@@ -41,13 +41,8 @@ def run(options: argparse.Namespace) -> None:
 def publish(results: Sequence[CharacterResult]) -> None:
     """Write Table 1 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
-    Of several seeds the means are written. Results of characters that are not among them stay.
+    Several seeds are averaged. Results of other characters stay.
     """
-    from replicate.report.publication import publish_rows
-    from replicate.report.results import read_results
-    from replicate.report.tables import as_text
-    from replicate.targets.table1.tables import size_claim, table1
-
     rows, folder = publish_rows("table1", results), results_folder(results[0].config.profile)
     paper = read_results(PAPER / FILE)
     print(as_text(table1(rows, paper)))

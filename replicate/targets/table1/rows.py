@@ -10,12 +10,10 @@ from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts
 from replicate.report.results import Row, run_name
 
-# The settings of Table 1's stage: what its rows are labelled with, and the shapes of the networks.
-
 
 @dataclass(frozen=True)
-class SizeNumbers:
-    """What the rows are labelled with, and the shapes of the networks whose sizes they hold."""
+class SizeSettings:
+    """The settings of Table 1's stage: the labels of its rows, and the shapes of the networks."""
 
     character: str
     profile: str
@@ -27,7 +25,7 @@ class SizeNumbers:
 WIDTHS = {"dense": (256, 256), "dense_released": (256, 512)}
 
 
-def rows_of(settings: SizeNumbers, inputs: Mapping[str, Path]) -> list[Row]:
+def rows_of(settings: SizeSettings, inputs: Mapping[str, Path]) -> list[Row]:
     """Return a character's rows.
 
     inputs: the folders of the stages "rig", "influence", "rigid" and "selection".
@@ -35,19 +33,24 @@ def rows_of(settings: SizeNumbers, inputs: Mapping[str, Path]) -> list[Row]:
     mesh, parameters = artefacts.load_mesh(inputs), artefacts.load_influence(inputs).shape[1]
     coarse, refined = artefacts.load_coarse_segments(inputs, mesh), artefacts.load_squares(inputs)
     rigid = len(artefacts.load_attachments(inputs).segment)
-    run, numbers = run_name(inputs), counts(mesh, parameters, rigid, coarse, refined)
-    numbers |= sizes_mb(parameters, coarse, refined, settings.coarse, settings.refined)
+    run, values = run_name(inputs), counts(mesh, parameters, rigid, coarse, refined)
+    values |= sizes_mb(parameters, coarse, refined, settings.coarse, settings.refined)
     return [
         Row("table1", settings.character, method, metric, unit, float(value), None, 1, None, settings.profile, run)
-        for (method, metric), (unit, value) in numbers.items()
+        for (method, metric), (unit, value) in values.items()
     ]
 
 
 def counts(
     mesh: Mesh, parameters: int, rigid: int, coarse: Sequence[Segment], refined: Sequence[Segment]
 ) -> dict[tuple[str, str], tuple[str, float]]:
-    """Return the counts of Table 1, (method, metric) → (unit, value), and how many vertices the networks move."""
-    numbers = {
+    """Return the counts of Table 1 and the number of vertices that the networks move: (method, metric) → (unit, value).
+
+    parameters: m of the whole rig
+    rigid: the number of rigid segments
+    coarse, refined: the segments of the coarse and of the refinement networks
+    """
+    values = {
         ("model", "vertices"): len(mesh.neutral),
         ("model", "rig_parameters"): parameters,
         ("model", "rigid_segments"): rigid,
@@ -55,7 +58,7 @@ def counts(
         ("coarse", "segments"): len(coarse),
         ("refined", "segments"): len(refined),
     }
-    return {key: ("count", value) for key, value in numbers.items()}
+    return {key: ("count", value) for key, value in values.items()}
 
 
 def sizes_mb(
@@ -65,9 +68,11 @@ def sizes_mb(
     coarse_shape: NetworkShape,
     refined_shape: NetworkShape,
 ) -> dict[tuple[str, str], tuple[str, float]]:
-    """Return the sizes of Table 1, (method, metric) → (unit, value): as they are, and the least and most they can be.
+    """Return the sizes of Table 1, (method, metric) → (unit, value), and the least and most that they could be.
 
-    parameters: m of the whole rig.
+    parameters: m of the whole rig
+    coarse, refined: the segments of the coarse and of the refinement networks
+    coarse_shape, refined_shape: the shapes of these networks
     """
     sizes = {}
     ends = {"": None, "_least": 0, "_most": parameters}

@@ -1,7 +1,7 @@
-"""Table 1, printed: each character's counts of segments and sizes of models, ours beside the paper's; and claim C6.
+"""Print Table 1: each character's counts of segments and sizes of models, ours beside the paper's; and claim C6.
 
-The paper's own counts of segments and parameters give the least and the most that its CNN can weigh; its dense sizes
-give, the other way round, how many vertices its dense networks must move.
+From the paper's counts of segments and parameters follow the least and the most that its CNN can weigh, and from its
+dense sizes how many vertices its dense networks must move.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,7 +22,7 @@ NOTES = (
 
 
 def table1(ours: Iterable[Row], paper: Sequence[Row]) -> Table:
-    """Return Table 1 with a column for each of our characters, beside it the one that it stands for."""
+    """Return Table 1 with a column for each of our characters, next to it the film character that it stands for."""
     rows = [row for row in ours if row.table == "table1"]
     whose = []  # (heading, rows, character)
     for character in characters_of(rows):
@@ -47,9 +47,9 @@ def size_ratio(rows: Iterable[Row], character: str, dense: str = "dense") -> flo
 
 
 def size_claim(ours: Sequence[Row], paper: Sequence[Row]) -> str:
-    """Return in a few sentences what the sizes say of claim C6, "the CNN is 2–5× smaller than the dense model".
+    """Judge claim C6, "the CNN is 2–5× smaller than the dense model", in a few sentences.
 
-    The width of the text decides; that of the released code stands beside it. A still smaller CNN is no failure.
+    The dense layers of the paper's text decide; those of the released code are mentioned. An even smaller CNN is fine.
     """
     ratios = {name: ratio for name in characters_of(ours) if (ratio := size_ratio(ours, name))}
     claim = f"C6, a CNN {CLAIM[0]:g} to {CLAIM[1]:g} times smaller than the dense model,"
@@ -109,7 +109,7 @@ def _ends(rows, character: str, method: str) -> tuple[float | None, float | None
 
 
 def bracket(paper: Iterable[Row], character: str) -> tuple[float | None, float | None]:
-    """Return the least and the most, in MB, that the CNN of one of the paper's characters can weigh by its counts."""
+    """Return the least and the most, in MB, that the CNN of a character of the paper's can weigh, from its counts."""
     paper = list(paper)
     counts = [
         find(paper, "table1", character, *key)
@@ -126,7 +126,7 @@ def bracket(paper: Iterable[Row], character: str) -> tuple[float | None, float |
 
 
 def _network_share(rows, character: str, is_paper: bool) -> str:
-    """Return the mean share of the rig parameters that a network of the CNN sees: where its size lies in between."""
+    """Return the mean share of the rig parameters that a network of the CNN sees, from where its size lies between."""
     size = find(rows, "table1", character, "refined", "model_size")
     least, most = bracket(rows, character) if is_paper else _ends(rows, character, "refined")
     if size is None or least is None or most is None or most <= least:
@@ -135,13 +135,13 @@ def _network_share(rows, character: str, is_paper: bool) -> str:
 
 
 def implied_vertices(paper: Iterable[Row], character: str, method: str) -> tuple[float, float] | None:
-    """Return how many vertices a dense model of the paper's moves by its size, if it sees all parameters, or none."""
+    """Return how many vertices a dense model of the paper's size moves, if it sees all parameters, and if none."""
     paper = list(paper)
     keys = (("dense", "model_size"), ("coarse", "segments"), ("model", "rig_parameters"))
-    numbers = [find(paper, "table1", character, *key) for key in keys]
-    if None in numbers:
+    found = [find(paper, "table1", character, *key) for key in keys]
+    if None in found:
         return None
-    size, segments, parameters = (row.value for row in numbers)
+    size, segments, parameters = (row.value for row in found)
     fewest, most = (dense_vertices(size, round(segments), count, WIDTHS[method]) for count in (round(parameters), 0))
     return fewest, most
 

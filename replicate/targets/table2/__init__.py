@@ -1,4 +1,4 @@
-"""Table 2: approximation errors of every method on held-out poses, beside the paper's; with Figures 9 and 10."""
+"""Make Table 2, the errors of every method on held-out poses beside the paper's, with Figures 9 and 10."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -32,26 +32,24 @@ from replicate.report.results import (
 )
 from replicate.report.tables import as_text
 from replicate.targets.shown_records import record_stages
-from replicate.targets.table2.rows import CURVES, ROWS, SEEDS, TableNumbers, table2, work_table
+from replicate.targets.table2.rows import CURVES, ROWS, SEEDS, TableSettings, table2, work_table, write_all
 
 
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
-    """Return the stages of one character's table, the last; those of the methods, the slow ones, come first."""
-    numbers = TableNumbers(plan.character, plan.config.profile, plan.config.seed)
-    return record_stages(plan, methods, "table2", write_table, numbers)
+    """Return the stages of one character's table, those of the methods, the slow ones, first and the table last."""
+    settings = TableSettings(plan.character, plan.config.profile, plan.config.seed)
+    return record_stages(plan, methods, "table2", write_table, settings)
 
 
 def write_table(context: StageContext) -> None:
     """Gather one character's rows, the curves of its trainings and the poses that figures show."""
-    from replicate.targets.table2.rows import write_all
-
     write_all(context.config, context.inputs, context.out)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make the errors of every method on every character, publish and print them.
+    """Measure the errors of every method on every character, publish and print them.
 
-    Raises RunError at the end for methods that failed: the other rows are published then.
+    Raises RunError for methods that failed, after it has published the other rows.
     """
     results, missing = make_rows(options, stages)
     publish(results, not options.numbers_only)
@@ -65,11 +63,10 @@ def run(options: argparse.Namespace) -> None:
 def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
     """Write Table 2 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
-    Of several seeds of a character its numbers are the means, with each seed's in a file of their own, and its curves
-    and pictures those of the first. Results of characters that are not among them stay. draw: False writes the numbers
-    alone, neither figures nor notebook. Where a number comes from is read from the artefacts, so publishing again
-    changes nothing. While another process publishes to the same folder, this one waits, so that neither loses the
-    other's results.
+    Several seeds are averaged, with each seed's numbers in a second file; curves and pictures are of the first seed.
+    Results of other characters stay. draw: False writes numbers alone, without figures and notebook. Publishing again
+    changes nothing, since the provenance is read from the artefacts. While another process publishes to the same
+    folder, this one waits, so that neither loses the other's results.
     """
     config = results[0].config
     folder, groups = results_folder(config.profile), by_character(results)
@@ -89,13 +86,13 @@ def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
 
 
 def _merge(folder: Path, groups: Mapping[str, Sequence[CharacterResult]]) -> list[Row]:
-    """Write the results of some characters beside those of the others that are there, and return all rows."""
+    """Write the results of some characters next to those that are there, and return all rows."""
     rows, seeds, curves, facts = _present(folder)
     for character, each in groups.items():
-        own = {one.config.seed: read_results(one.folder / ROWS) for one in each}
-        seeds = joined(where(seeds, character.__ne__), own)
+        by_seed = {result.config.seed: read_results(result.folder / ROWS) for result in each}
+        seeds = joined(where(seeds, character.__ne__), by_seed)
         rows = [row for row in rows if row.character != character]
-        rows += over_seeds(list(own.values()))
+        rows += over_seeds(list(by_seed.values()))
         curves = {key: curve for key, curve in curves.items() if key[0] != character}
         curves |= read_curves(each[0].folder / CURVES)
         for choice in CHOICES:
@@ -109,16 +106,15 @@ def _merge(folder: Path, groups: Mapping[str, Sequence[CharacterResult]]) -> lis
 
 
 def _as_table(config: Config) -> dict:
-    """Return the configuration that all seeds share, as the manifest has it: nested tables."""
+    """Return the configuration that all seeds share as nested tables, for the manifest."""
     return {name: value for name, value in asdict(config).items() if name not in ("character", "seed", "device")}
 
 
 def _present(folder: Path) -> tuple[list[Row], dict[int, list[Row]], dict, dict]:
-    """Return the rows, each seed's rows, curves and manifest entries of the characters that are there as a whole.
+    """Return the rows, each seed's rows, curves and manifest entries of the characters that are complete.
 
-    Such a character has rows of the run that the manifest names, those of its seeds, and its poses. What is missing,
-    can't be read or was left by a process that was killed between two files counts as absent: it is written again from
-    the artefacts.
+    A complete character has rows of the run that the manifest names, those of its seeds, and its poses. If something is
+    missing, damaged or left half-done by a killed process, the character is written again from its artefacts.
     """
     rows = readable(read_results, folder / ROWS) or []
     curves = readable(read_curves, folder / CURVES)
@@ -142,7 +138,7 @@ def _present(folder: Path) -> tuple[list[Row], dict[int, list[Row]], dict, dict]
 def _draw(folder: Path, profile: str, limit_deg: float) -> None:
     """Draw the figures and execute the notebook, unless both show these results already.
 
-    The notebook comes last: only when it stands, with its stamp, are the figures of these results complete.
+    The notebook comes last: its stamp says that the figures of these results are complete.
     """
     from replicate.drawing.face_sheet import LARGEST_BYTES
     from replicate.drawing.panels import has_figure, save_figure

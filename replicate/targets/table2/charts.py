@@ -1,4 +1,4 @@
-"""Table 2 in pictures: every figure that belongs to it, from a folder of results alone."""
+"""Table 2 in pictures: every figure of it, from a folder of results alone."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from replicate.base.exceptions import InputError
 from replicate.base.paths import PAPER
-from replicate.drawing.panels import DPI, LETTER_PT, MEASURES, WIDTH, Words, enlarge, error_scale, tidy
+from replicate.drawing.panels import DPI, LETTER_PT, MEASURES, WIDTH, Words, enlarge, error_scale, save_figure, tidy
 from replicate.methods.method_registry import in_order, method_named, methods
 from replicate.report.notebooks import folder_of
 from replicate.report.pose_record import CHOICES, FOLDED, PoseRecord, load_pose, pose_file
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Table2Results:
-    """What a folder of results holds for Table 2, and the paper's numbers; poses by character and the rule for them."""
+    """Table 2 in a folder of results, and the paper's numbers. poses: by character and by the rule that chose them."""
 
     rows: list[Row]
     paper: list[Row]
@@ -41,15 +41,15 @@ class Table2Results:
 
     @property
     def characters(self) -> tuple[str, ...]:
-        """The characters that there are results for, in the order of the paper's."""
+        """The characters with results, in the order of the paper's."""
         return tuple(characters_of(self.rows))
 
 
 def open_table2(folder: Path) -> Table2Results:
-    """Read everything of Table 2 in a folder of results, with those of its poses that are there.
+    """Read everything of Table 2 in a folder of results, with the poses that are there.
 
-    Raises InputError, naming the file, for what isn't there. The pose whose forehead folds most has to be, of
-    characters whose meshes are committed; of others there are numbers and pictures alone.
+    Raises InputError, naming the file, for a missing one. Poses may be missing, but for that with the most folds of
+    characters whose meshes are committed; for others numbers and pictures suffice.
     """
     rows, poses = read_results(folder / ROWS), {}
     for character in sorted({row.character for row in rows}):
@@ -67,15 +67,13 @@ def open_results(name: str) -> Table2Results:
 
 
 def table2_figure_names(results: Table2Results, character: str) -> tuple[str, ...]:
-    """Return the file names, without ending, of one character's `table2_figures`, in their order; draws none."""
+    """Return the file names, without ending, of one character's `table2_figures`, in their order."""
     faces = (picture_name(record) for record in results.poses[character].values())
     return (f"table2_{character}_chart", *faces, f"figure09_{character}", f"table2_{character}_curves")
 
 
 def redraw_charts(folder: Path, characters: Collection[str]) -> list[Path]:
-    """Draw the charts of some characters anew from a folder's results, which got more seeds; return their files."""
-    from replicate.drawing.panels import save_figure
-
+    """Draw the charts of some characters anew from a folder's results, after seeds were added; return their files."""
     if not characters:
         return []
     rows, paper, curves = read_results(folder / ROWS), read_results(PAPER / ROWS), read_curves(folder / CURVES)
@@ -98,9 +96,7 @@ def table2_figures(
     Raises InputError for a character without meshes.
     """
     if character not in results.poses:
-        raise InputError(
-            f"{character}: its meshes are no part of these results; allowed are {', '.join(results.poses)}"
-        )
+        raise InputError(f"{character}: these results lack its meshes; they have those of {', '.join(results.poses)}")
     chart, *faces, wrinkles, curves = table2_figure_names(results, character)
     yield chart, *table2_chart(results.rows, results.paper, character)
     for name, record in zip(faces, results.poses[character].values(), strict=True):
@@ -109,7 +105,7 @@ def table2_figures(
     yield curves, *training_curves(results.curves, results.rows, character)
 
 
-# Validation error of the networks against training step, with the floors that their maps set.
+# The networks' validation error over training steps, with the floors that their maps set.
 
 FLOORS = {"coarse": "--", "refined": (0, (1, 2))}  # dashes and dots: the two may lie on each other
 
@@ -117,7 +113,7 @@ FLOORS = {"coarse": "--", "refined": (0, (1, 2))}  # dashes and dots: the two ma
 def training_curves(
     curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row], character: str
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): both errors of one character's networks on the validation poses.
+    """Return (figure, words): both errors of one character's networks on the validation poses, step by step.
 
     rows: Table 2's results, for the floors (dashed and dotted).
     """
@@ -126,7 +122,7 @@ def training_curves(
     figure = Figure((WIDTH, 4.6), dpi=DPI, layout="constrained")
     ends = []
     for axes, column, (metric, _, label) in zip(figure.subplots(1, 2), (2, 3), MEASURES, strict=True):
-        for method in map(method_named, in_order(name for who, name in curves if who == character)):
+        for method in map(method_named, in_order(name for owner, name in curves if owner == character)):
             if method.in_figures:
                 curve = curves[character, method.name]
                 steps, errors = [row[0] for row in curve], [row[column] for row in curve]
@@ -158,16 +154,16 @@ def training_curves(
 
 UNITS = {"mm": "mm", "deg": "degrees"}
 OURS, THEIRS = "#333333", "black"
-LINE, FRAME = 0.37, 1.35  # inches: a method, and what is above and below them
+LINE, FRAME = 0.37, 1.35  # inches: a method's line, and the space above and below all lines
 BESIDE = 9  # points from a mark to its number
-AT_THE_END = 3  # times: a dot within them of the largest one has its number on the left, unless a ring is there
+AT_THE_END = 3  # a dot above a third of the largest value has its number on the left, unless a ring is there
 
 
 def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): one character's mean errors (dots) and those of the paper's counterpart (rings).
+    """Return (figure, words): one character's mean errors (dots) and those of its film character (rings).
 
-    The axes are logarithmic: ratios can be compared, and a large error takes no room from the small ones. The neutral
-    row is given in words.
+    The axes are logarithmic, so that ratios can be compared and a large error takes no room from the small ones. The
+    neutral pose's errors are in the caption.
     """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -180,9 +176,10 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
         shown = [find(ours, "table2", character, method.name, metric).value for method in methods]
         largest = max(shown, default=0.0)
+        # dots and rings
         for y, method in enumerate(methods):
             mine, other = (
-                find(rows, "table2", who, method.name, metric) for rows, who in ((ours, character), (paper, theirs))
+                find(rows, "table2", name, method.name, metric) for rows, name in ((ours, character), (paper, theirs))
             )
             text = round_off(mine.value, unit)
             if other:  # larger and below, so that neither mark hides the other
@@ -195,6 +192,7 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
             phrases.append(f"{method.label} {text} {UNITS[unit]}")
         if still := find(ours, "table2", character, "neutral", metric):
             motion.append(f"{round_off(still.value, unit)} {UNITS[unit]}")
+        # axes
         axes.set_yticks(range(len(methods)), [method.title for method in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.margins(x=0.34)  # room for numbers on both sides
@@ -202,63 +200,59 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
         error_scale(axes)
         tidy(axes)
         enlarge(axes)
-    dot = Line2D(
-        [], [], marker="o", linestyle="", color=OURS, markersize=8, label=f"{character} (ours)" if theirs else character
-    )
+    # legend and words
+    label = f"{character} (ours)" if theirs else character
+    dot = Line2D([], [], marker="o", linestyle="", color=OURS, markersize=8, label=label)
     ring = Line2D([], [], marker="o", linestyle="", color=THEIRS, markersize=13, label=f"{theirs} (the paper’s)")
     ring.set_markerfacecolor("none")
     handles = [dot, ring] if theirs else [dot]
     figure.legend(handles=handles, frameon=False, fontsize=LETTER_PT, ncols=2, loc="outside upper right")
+    rings = f" beside the paper's {theirs} (rings), another rig: compare orderings and ratios, not millimetres"
+    moved = f" The test poses differ from the neutral one by {' and '.join(motion)} on average." if motion else ""
     return figure, Words(
         f"Two dot charts of mean error by method for {character}: {'; '.join(phrases)}.",
-        f"Table 2 as a chart: {character} (dots)"
-        + (
-            f" beside the paper's {theirs} (rings), another rig: compare orderings and ratios, not millimetres"
-            if theirs
-            else ""
-        )
-        + ". The axes are logarithmic. † ‡ see the true mesh of each test pose."
-        + (f" The test poses differ from the neutral one by {' and '.join(motion)} on average." if motion else ""),
+        f"Table 2 as a chart: {character} (dots){rings if theirs else ''}. The axes are logarithmic. "
+        f"† ‡ see the true mesh of each test pose.{moved}",
     )
 
 
 def _write_beside(axes, text: str, value: float, y: int, side: int) -> None:
-    """Write a dot's number beside it, left (-1) or right (1): where the paper's ring isn't, or where there is room."""
+    """Write a dot's number beside it, on the left (side -1) or the right (1)."""
     align = "left" if side > 0 else "right"
     axes.annotate(text, (value, y), (side * BESIDE, 0), textcoords="offset points", ha=align, va="center")
 
 
-# The paper's networks with and without a straight line beside them: what part of a ranking is how they are trained?
+# The paper's networks with and without a straight line beside them: does the line change their ranking?
 
 PAIRS = {"coarse": "coarse_line", "refined": "refined_line", "dense": "dense_line", "pca": "pca_line"}
 LINE_METHOD = "linear"
 RATIOS = (("refined", "coarse"), ("refined", "dense"))  # what claims C1, and C2 and C5, compare
-LINE_HEIGHT, LINE_FRAME = 0.36, 1.7  # inches: a network, and what is above and below them
+LINE_HEIGHT, LINE_FRAME = 0.36, 1.7  # inches: a network's line, and the space above and below all lines
 NOTE = "Linear: the line alone, ridge regression from rig parameters to vertices."
 
 
 def compared(rows: Sequence[Row], character: str) -> list[str]:
-    """Return which networks a character has with a line beside them and without."""
+    """Return the networks that a character has both with a line beside them and without."""
     metric = MEASURES[0][0]
     return [name for name, line in PAIRS.items() if all(_error(rows, character, m, metric) for m in (name, line))]
 
 
 def line_table(rows: Sequence[Row], character: str) -> Table | None:
-    """Return both mean errors and the size of each network without and with a line; None where no network has one."""
+    """Return both mean errors and the size of each network without and with a line; None if no network has one."""
     networks = compared(rows, character)
     if not networks:
         return None
     metrics = (*(metric for metric, *_ in MEASURES), "model_size")
     body: list[tuple[str, ...] | None] = []
     for name in networks:
-        numbers = [_error(rows, character, method, metric) for metric in metrics for method in (name, PAIRS[name])]
-        body.append((method_named(name).label, *(round_off(row.value, row.unit) if row else "–" for row in numbers)))
-    numbers = [_error(rows, character, LINE_METHOD, metric) for metric in metrics]
-    alone = [round_off(row.value, row.unit) if row else "–" for row in numbers]
+        found = [_error(rows, character, method, metric) for metric in metrics for method in (name, PAIRS[name])]
+        body.append((method_named(name).label, *(round_off(row.value, row.unit) if row else "–" for row in found)))
+    found = [_error(rows, character, LINE_METHOD, metric) for metric in metrics]
+    alone = [round_off(row.value, row.unit) if row else "–" for row in found]
     body.append((method_named(LINE_METHOD).label, *(cell for value in alone for cell in (value, ""))))
     ratios = [line for above, below in RATIOS if (line := _ratio_line(rows, character, above, below, networks))]
     body += [None, *ratios] if ratios else []
-    header = ("", *(f"{what}{how}" for what in ("mm", "degrees", "MB") for how in ("", ", with a line")))
+    header = ("", *(f"{unit}{how}" for unit in ("mm", "degrees", "MB") for how in ("", ", with a line")))
     return Table(f"A straight line beside the networks: {character}", (header,), tuple(body), (NOTE,))
 
 
@@ -276,9 +270,9 @@ def _ratio_line(
 
 
 def line_chart(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words] | None":
-    """Return (figure, words): an arrow for each network of each character, from its error without a line to that with.
+    """Return (figure, words): an arrow for each network of each character, from its error alone to that with a line.
 
-    A cross is the line alone. None where no network has a line beside it.
+    A cross is the line alone. None if no network has a line beside it.
     """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D

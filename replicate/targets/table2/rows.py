@@ -1,4 +1,4 @@
-"""Table 2 in numbers: a character's rows from the methods' errors, and the tables that are printed of them."""
+"""Table 2 in numbers: a character's rows from the methods' errors, and the printed tables."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,12 +28,10 @@ from replicate.report.results import (
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.shown_records import load_records
 
-# The settings of Table 2's stage: what its rows are labelled with.
-
 
 @dataclass(frozen=True)
-class TableNumbers:
-    """What the rows are labelled with."""
+class TableSettings:
+    """The settings of Table 2's stage: the labels of its rows."""
 
     character: str
     profile: str
@@ -43,10 +41,10 @@ class TableNumbers:
 ROWS, SEEDS, CURVES = "table2.csv", "table2_seeds.csv", "table2_curves.csv"
 
 
-def write_all(settings: TableNumbers, inputs: Mapping[str, Path], out: Path) -> None:
+def write_all(settings: TableSettings, inputs: Mapping[str, Path], out: Path) -> None:
     """Write a character's rows, curves and poses to a folder.
 
-    inputs: the folders of rig, samples, "wrinkled", "ranked", and of the errors and typical poses of every method.
+    inputs: the folders of rig, samples, "wrinkled", "ranked", and of every method's errors and typical poses.
     """
     write_results(out / ROWS, rows_of(settings, inputs))
     write_curves(out / CURVES, curves_of(settings.character, inputs))
@@ -54,8 +52,8 @@ def write_all(settings: TableNumbers, inputs: Mapping[str, Path], out: Path) -> 
         save_pose(pose_file(out, settings.character, choice), record)
 
 
-def rows_of(settings: TableNumbers, inputs: Mapping[str, Path]) -> list[Row]:
-    """Return a character's rows: each method's errors, its size, its training, and what else it has to say."""
+def rows_of(settings: TableSettings, inputs: Mapping[str, Path]) -> list[Row]:
+    """Return a character's rows: each method's errors, its size, the time of its training, and its other metrics."""
     run = run_name(inputs)
     rows = []
     for method, folder in measurement.error_folders(inputs).items():
@@ -64,7 +62,7 @@ def rows_of(settings: TableNumbers, inputs: Mapping[str, Path]) -> list[Row]:
         training = [("training", "s", seconds)] if seconds is not None else []
         for metric, unit, value in (*measurement.load_numbers(folder), *training):
             table = "table2_segments" if "[" in metric else "table2"
-            seeds = None if metric.startswith("texels") else 1  # a fact about charts, not about a training
+            seeds = None if metric.startswith("texels") else 1  # texels depend on charts, not on a training
             facts = (method, metric, unit, value, None, seeds, None, settings.profile, run)
             rows.append(Row(table, settings.character, *facts))
     return rows
@@ -76,18 +74,18 @@ def curves_of(character: str, inputs: Mapping[str, Path]) -> dict[tuple[str, str
     return {(character, method): read_log(file) for method, file in files.items() if file}
 
 
-# What it takes to train a method: the time of the stages behind its errors, from their artefacts' manifests.
+# The time that it takes to train a method: that of the stages behind its errors, from their artefacts' manifests.
 
 SHARED = "replicate.methods.artefacts:"  # the stages that all methods share: rig, samples, segments
 
 
 def training_s(errors: Path) -> float | None:
-    """Return the seconds of all stages that made a method, one core each; None where there is none.
+    """Return the wall time of all stages behind a method, in seconds of one core, or None where it is unknown.
 
-    errors: the folder of the method's errors. What its stages build on counts too (a coarse model below its refinement,
-    the networks that are compacted), once; what all methods share does not. None also where a stage was stopped and
-    went on from a checkpoint: its manifest has the time of the last part alone. Wall times: they are longer on a
-    machine that does something else besides. None, too, where an artefact is gone from the cache.
+    errors: the folder of the method's errors. Stages that the method's stages build on count once (the coarse model
+    below its refinement, say), but not those that all methods share. The time is unknown without such stages, where an
+    artefact is gone from the cache, and where a stage went on from a checkpoint, since its manifest has the time of the
+    last part alone. A busy machine makes times longer.
     """
     try:
         manifests = _behind(errors, {})
@@ -99,7 +97,7 @@ def training_s(errors: Path) -> float | None:
 
 
 def _behind(folder: Path, found: dict[str, dict]) -> dict[str, dict]:
-    """Return the manifests of a method's stages by identifier: those that a folder's artefact was made from."""
+    """Collect in `found`, by identifier, the manifests of the method's stages behind an artefact, and return them."""
     for identifier in read_manifest(folder)["inputs"].values():
         source = artefact_folder(identifier)
         manifest = read_manifest(source)
@@ -109,13 +107,13 @@ def _behind(folder: Path, found: dict[str, dict]) -> dict[str, dict]:
     return found
 
 
-# Table 2, printed: ours beside the paper's, with the rows that the paper lacks and what they mean.
+# Table 2, printed: ours beside the paper's, with the rows that the paper lacks and notes on them.
 
 STATISTICS = ("mean", "p95", "max")
 
 
 def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
-    """Return one character's errors in full, with the column of the film character that it stands for."""
+    """Return all errors of one character, with the paper's means for the film character that it stands for."""
     rows = [row for row in ours if row.table == "table2" and row.character == character]
     theirs = STANDS_FOR.get(character)
     present = in_order({row.method for row in rows})
@@ -132,7 +130,7 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
 
 
 def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
-    """Return the paper's Table 2: the means of every character beside those of the one that it stands for."""
+    """Return the paper's Table 2: the means of every character beside those of its film character."""
     rows = [row for row in ours if row.table == "table2"]
     characters = [c for c in STANDS_FOR if any(row.character == c for row in rows)]
     present = in_order({row.method for row in rows if row.character in characters})
@@ -149,13 +147,13 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
     heading = "Table 2: mean errors of our characters beside the paper's"
-    own = [row for row in rows if row.character in characters]
-    about = _about(own, "each of the paper's characters")
-    return Table(heading, (header,), tuple(body), (about, *_notes(own, present)))
+    shown = [row for row in rows if row.character in characters]
+    about = _about(shown, "each of the paper's characters")
+    return Table(heading, (header,), tuple(body), (about, *_notes(shown, present)))
 
 
 def other_rigs(ours: Sequence[Row]) -> Table:
-    """Return the mean errors on rigs that stand for none of the paper's characters, variants of ours left out."""
+    """Return the mean errors on rigs that stand for no character of the paper's, without variants of ours."""
     rows = [row for row in ours if row.table == "table2" and row.character not in STANDS_FOR]
     rows = [row for row in rows if "@" not in row.character]
     characters, present = characters_of(rows), in_order({row.method for row in rows})
@@ -167,7 +165,7 @@ def other_rigs(ours: Sequence[Row]) -> Table:
                 mine = find(rows, "table2", character, method, f"{kind}_error_mean")
                 cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
         body.append(tuple(cells))
-    header = ("", *(f"{who}, {unit}" for who in characters for unit in ("mm", "degrees")))
+    header = ("", *(f"{character}, {unit}" for character in characters for unit in ("mm", "degrees")))
     heading = "Mean errors on rigs that others wrote: distance (mm) and normal angle (degrees)"
     about = (_about(rows, None), *_notes(rows, present)) if rows else ("There are no results of such a rig.",)
     return Table(heading, (header,), tuple(body), about)
@@ -198,23 +196,23 @@ def _about(rows: Sequence[Row], theirs: str | None) -> str:
 
 
 def _poses_in_words(rows: Sequence[Row]) -> str:
-    """Return how many poses the errors are means over, character by character where they differ; "" for none.
+    """Return how many poses the errors are means over, for each character where they differ; "" for none.
 
-    Rows with fewer seeds than others of the same character don't count: the fewest poses of one seed may be more.
+    Rows with fewer seeds than others of the character are skipped, since the fewest poses of fewer seeds may be more.
     """
     counts = {}
-    for who in characters_of(rows):
-        own = [row for row in rows if row.character == who]
-        counts[who] = max(row.poses or 0 for row in own if (row.seeds or 0) == most_seeds(own))
-    counts = {who: count for who, count in counts.items() if count}
+    for character in characters_of(rows):
+        its_rows = [row for row in rows if row.character == character]
+        counts[character] = max(row.poses or 0 for row in its_rows if (row.seeds or 0) == most_seeds(its_rows))
+    counts = {character: count for character, count in counts.items() if count}
     if len(set(counts.values())) < 2:
         return "".join(f"{count:,}" for count in set(counts.values()))
-    *most, last = (f"{count:,} ({who})" for who, count in counts.items())
+    *most, last = (f"{count:,} ({character})" for character, count in counts.items())
     return f"{', '.join(most)} and {last}"
 
 
 def method_notes(present: Sequence[str]) -> list[str]:
-    """Return the footnotes of some methods in their order, each once: by its mark, or by the row's label."""
+    """Return the footnotes of some methods, each once, with the method's mark or else its label in front."""
     methods = [method_named(name) for name in present]
     return list(dict.fromkeys(f"{m.mark or m.label + ':'} {m.note}" for m in methods if m.note))
 
@@ -228,24 +226,26 @@ def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
             f"Eq. 11 leaves out faces that have no area in the true or the predicted mesh: {worst.value:,.0f} (face, "
             f"pose) pairs at most ({method_named(worst.method).title})."
         )
-    single = False  # whether the rows of fewer seeds than the others show it: they have no ±
+    single = False  # whether some rows of one seed stand beside others of several
     for character in sorted({row.character for row in rows}):
         most = most_seeds(row for row in rows if row.character == character)
-        own = {row.method: row for row in rows if row.character == character and row.poses}
-        for method in filter(own.__contains__, present):
-            largest = max(row.poses for row in own.values() if row.seeds == own[method].seeds)
-            if own[method].poses < largest:
-                notes.append(f"{method_named(method).title}: on {own[method].poses:,} of {character}'s poses only.")
-        fewer = [method_named(m).title for m in present if m in own and 1 < (own[m].seeds or 0) < most]
+        by_method = {row.method: row for row in rows if row.character == character and row.poses}
+        for method in filter(by_method.__contains__, present):
+            largest = max(row.poses for row in by_method.values() if row.seeds == by_method[method].seeds)
+            if by_method[method].poses < largest:
+                notes.append(
+                    f"{method_named(method).title}: on {by_method[method].poses:,} of {character}'s poses only."
+                )
+        fewer = [method_named(m).title for m in present if m in by_method and 1 < (by_method[m].seeds or 0) < most]
         if fewer:
             notes.append(f"Of fewer seeds than the others of {character}: {', '.join(fewer)}.")
-        single |= most > 1 and any((row.seeds or 0) == 1 for row in own.values())
+        single |= most > 1 and any((row.seeds or 0) == 1 for row in by_method.values())
     return (*notes, *(["Means without ± are of one seed."] if single else []))
 
 
-# What Table 2 says apart from millimetres: ratios between methods, and where on the face the errors are.
+# Table 2 apart from millimetres: ratios between methods, and where on the face the errors are.
 
-# (method, over which other, error): what a replication on another rig can compare, and our own measures of success.
+# (method, over another method, error): what a replication on another rig can compare, and measures of our success.
 RATIOS = (
     ("refined", "coarse", "vertex"),
     ("refined", "coarse", "normal"),
@@ -258,7 +258,7 @@ RATIOS = (
     ("refined", "neutral", "vertex"),
 )
 ERRORS = {"vertex": "distance", "normal": "normal angle"}
-# (question, method, over which other, error): what README asks of all characters together.
+# (question, method, over another method, error): the questions that README answers for all characters together.
 QUESTIONS = (
     ("Does refinement help?", "refined", "coarse", "normal"),
     ("Are the normals of dense networks worse?", "dense", "refined", "normal"),
@@ -276,11 +276,11 @@ READING = (
 
 
 def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> Table:
-    """Return ratios of mean errors beside the same ratios in the paper's own numbers."""
-    columns = [(ours, character), *((paper, name) for who, name in STANDS_FOR.items() if who == character)]
+    """Return ratios of mean errors beside the same ratios in the paper's numbers."""
+    columns = [(ours, character), *([(paper, STANDS_FOR[character])] if character in STANDS_FOR else [])]
     body = []
     for method, other, kind in RATIOS:
-        ratios = [_ratio(rows, who, method, other, kind) for rows, who in columns]
+        ratios = [_ratio(rows, name, method, other, kind) for rows, name in columns]
         if ratios[0] is not None:
             label = f"{method_named(method).title} / {method_named(other).title}, {ERRORS[kind]}"
             body.append((label, *(round_off(ratio, "ratio") for ratio in ratios)))
@@ -290,15 +290,17 @@ def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> 
 
 
 def table2_questions(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
-    """Return ratios of mean errors for all characters that stand for one of the paper's, each answering a question."""
-    characters = [who for who in characters_of(ours) if who in STANDS_FOR]
-    columns = [(rows, name) for who in characters for rows, name in ((ours, who), (paper, STANDS_FOR[who]))]
+    """Return ratios of mean errors, each answering a question, for all stand-ins for the paper's characters."""
+    characters = [character for character in characters_of(ours) if character in STANDS_FOR]
+    columns = [
+        (rows, name) for character in characters for rows, name in ((ours, character), (paper, STANDS_FOR[character]))
+    ]
     body = []
     for question, method, other, kind in QUESTIONS:
         ratios = [_ratio(rows, name, method, other, kind) for rows, name in columns]
         if any(ratio is not None for ratio in ratios[::2]):
-            what = f"{method_named(method).title} / {method_named(other).title}, {ERRORS[kind]}"
-            body.append((question, what, *(round_off(ratio, "ratio") for ratio in ratios)))
+            label = f"{method_named(method).title} / {method_named(other).title}, {ERRORS[kind]}"
+            body.append((question, label, *(round_off(ratio, "ratio") for ratio in ratios)))
     header = ("question", "ratio of mean errors", *(name for _, name in columns))
     return Table("Table 2 as ratios", (header,), tuple(body), (READING,), text_columns=2)
 
@@ -312,7 +314,7 @@ def _ratio(rows: Iterable[Row], character: str, method: str, other: str, kind: s
 def table2_segments(ours: Iterable[Row], character: str) -> Table:
     """Return each segment's mean vertex and normal error for every method, segments in the order of their names.
 
-    Without spreads, which would make it wider than a page; a note says where they are.
+    Spreads would make it wider than a page; a note says where they are.
     """
     rows = [row for row in ours if row.table == "table2_segments" and row.character == character]
     methods = [method for method in in_order({row.method for row in rows}) if method != "attachment"]
@@ -333,7 +335,7 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
     return Table(f"Table 2 by segment: {character}, mean errors", (header,), tuple(body), notes)
 
 
-# What each row of Table 2 costs: megabytes, multiplications a pose, and the time of its training.
+# The cost of each row of Table 2: megabytes, multiplications for a pose, and the time of its training.
 
 METRICS = ("model_size", "multiplications", "training")
 NOTES = (
@@ -344,7 +346,7 @@ NOTES = (
 
 
 def work_table(ours: Iterable[Row], character: str) -> Table | None:
-    """Return one character's sizes, multiplications a pose and times of training; None where no row counts them."""
+    """Return one character's sizes, multiplications and times of training; None if no row has multiplications."""
     rows = [row for row in ours if row.table == "table2" and row.character == character and row.metric in METRICS]
     if not any(row.metric == "multiplications" for row in rows):
         return None
@@ -358,13 +360,13 @@ def work_table(ours: Iterable[Row], character: str) -> Table | None:
     return Table(f"Size, work and training: {character}", (header,), tuple(body), NOTES)
 
 
-# Table 2 beside itself: other charts, more samples and a longer schedule, and test poses of whole clips.
+# Two versions of Table 2 side by side: other charts, more samples and a longer schedule, test poses of whole clips.
 
 PROFILE_RATIOS = (("refined", "coarse"), ("refined", "dense"), ("regional", "refined"), ("regional", "dense"))
 
 
 def paper_profile_rows(results: str) -> list[Row]:
-    """Return the rows of the profile `paper` that belong to some results, none where there are none.
+    """Return the rows of the profile `paper` to compare some results with, if there are any.
 
     results: "reference", or the profile of a run of yours.
     """
@@ -372,12 +374,12 @@ def paper_profile_rows(results: str) -> list[Row]:
 
 
 def clips_rows(results: str) -> list[Row]:
-    """Return the rows of networks that are tested on whole clips, of committed results; none for a run of yours."""
+    """Return the committed rows of networks that were tested on whole clips; none for a run of yours."""
     return rows_if_there(paths.WHOLE_CLIPS, ROWS) if results in paths.committed_folders() else []
 
 
 def layout_tables(rows: Sequence[Row]) -> list[Table]:
-    """Return, for each character that rows have with another layout of charts too, its errors with either layout."""
+    """Return a table for each character with rows of two layouts of charts: its errors with either."""
     tables, names = [], characters_of(rows)
     for name in names:
         character, _, layout = name.partition("@")
@@ -389,7 +391,7 @@ def layout_tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def profile_tables(rows: Sequence[Row], others: Sequence[Row]) -> list[Table]:
-    """Return, for each character that both have, its errors with either profile: rows', and others'."""
+    """Return a table for each character in both sets of rows, which have two profiles: its errors with either."""
     tables = []
     for name in _in_both(rows, others):
         profiles = [next(row.profile for row in each if row.character == name) for each in (rows, others)]
@@ -398,7 +400,7 @@ def profile_tables(rows: Sequence[Row], others: Sequence[Row]) -> list[Table]:
 
 
 def split_tables(rows: Sequence[Row], others: Sequence[Row]) -> list[Table]:
-    """Return, for each character that both have, its errors by either split: of frames, and of clips."""
+    """Return a table for each character in both sets of rows: its errors by a split of frames and by one of clips."""
     splits = ("frames", "clips")
     return [side_by_side(f"Two splits: {name}", rows, others, name, splits) for name in _in_both(rows, others)]
 
@@ -408,9 +410,11 @@ def _in_both(rows: Sequence[Row], others: Sequence[Row]) -> list[str]:
 
 
 def side_by_side(title: str, rows: Sequence[Row], others: Sequence[Row], character: str, names: Sequence[str]) -> Table:
-    """Return both mean errors of each method and what its training takes, of rows and others, and ratios of errors.
+    """Return both mean errors and the training time of each method in two sets of rows, and ratios of errors.
 
-    names: what each of both is called.
+    rows: the first set
+    others: the second set
+    names: the names of the two sets
     """
     columns = (*((metric, label) for metric, _, label in MEASURES), ("training", "training, s"))
     body: list[tuple[str, ...] | None] = []

@@ -1,4 +1,4 @@
-"""Table 3, printed: ours beside the paper's, and for each character what is behind the means."""
+"""Print Table 3: ours beside the paper's, and for each character the details behind the means."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -46,9 +46,7 @@ NO_RIG = "–: a rig that is known by its samples alone; it has no function that
 
 
 def tables3(ours: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
-    """Return all tables: the paper's Table 3 with ours, on a GPU too if one was timed, then for each character its
-    backends and its details.
-    """
+    """Return all tables: the paper's Table 3 with ours, that on a GPU if timed, and two kinds for each character."""
     rows = [row for row in ours if row.table == "table3"]
     tables = [timing_table(rows, paper), *gpu_tables(rows, paper)]
     for character in characters_of(rows):
@@ -67,7 +65,7 @@ def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
             method, metric = PAPER_CPU.get(name, (name, "time_high_end_cpu"))
             cells.append(paper_value(find(paper, "table3", STANDS_FOR.get(character, ""), method, metric)))
         body.append(tuple(cells))
-    spans = [text for who in characters for text in (who, "", STANDS_FOR.get(who, ""))]
+    spans = [text for character in characters for text in (character, "", STANDS_FOR.get(character, ""))]
     columns = ("one core", "all cores", "paper, CPU") * len(characters)
     notes = (
         _about(rows),
@@ -83,7 +81,7 @@ def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
 
 
 def gpu_tables(rows: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
-    """Return the table of milliseconds a pose with the networks on a GPU, beside the CPU's; none without such times."""
+    """Return, in a list, the table of milliseconds a pose on a GPU beside the CPU's, if there are such times."""
     rows = [row for row in rows if row.table == "table3"]
     timed = [row for row in rows if row.metric == f"time_{GRAPHICS}"]
     if not timed:
@@ -97,7 +95,7 @@ def gpu_tables(rows: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
             for metric in ("time_high_end_cpu", "time_high_end_gpu"):
                 cells.append(paper_value(find(paper, "table3", STANDS_FOR.get(character, ""), name, metric)))
         body.append(tuple(cells))
-    spans = [text for who in characters for text in (who, "", STANDS_FOR.get(who, ""), "")]
+    spans = [text for character in characters for text in (character, "", STANDS_FOR.get(character, ""), "")]
     columns = ("CPU", "GPU", "paper, CPU", "paper, GPU") * len(characters)
     notes = (
         "Means of single poses. CPU: on all cores. GPU: the networks there and the rigid step on the CPU, as in the "
@@ -115,17 +113,17 @@ def compared_names(rows: Sequence[Row]) -> list[str]:
 
 
 def speed_table(rows: Sequence[Row]) -> Table:
-    """Return how many times as fast as both evaluations of the rig every method's best one is, on all cores."""
+    """Return how many times as fast as either evaluation of the rig every method's best one is, on all cores."""
     rows = [row for row in rows if row.table == "table3"]
     characters = characters_of(rows)
     body = []
     for name in compared_names(rows):
         cells = [label_of(name)]
         for character in characters:
-            nodes, compiled, own = (best_time(rows, character, each, ALL) for each in (*RIGS, name))
-            cells += [_over(nodes, own), _over(compiled, own)]
+            nodes, compiled, fastest = (best_time(rows, character, each, ALL) for each in (*RIGS, name))
+            cells += [_over(nodes, fastest), _over(compiled, fastest)]
         body.append(tuple(cells))
-    spans = [text for who in characters for text in (who, "")]
+    spans = [text for character in characters for text in (character, "")]
     columns = ("node by node", "compiled") * len(characters)
     notes = ("By the means on all cores. Each method's best evaluation, with the rigid step, over the rig's two.",)
     title = "Table 3 as speed-ups: how many times as fast as the rig"
@@ -133,16 +131,16 @@ def speed_table(rows: Sequence[Row]) -> Table:
 
 
 def details_table(rows: Sequence[Row], character: str) -> Table:
-    """Return one character's speed-ups over both ways to evaluate its rig, spreads, and what else a pose costs."""
-    own = [row for row in rows if row.character == character]
+    """Return one character's speed-ups over either evaluation of its rig, spreads, multiplications and sizes."""
+    rows = [row for row in rows if row.character == character]
 
     def value(name: str, metric: str) -> float | None:
-        row = find(own, "table3", character, name, metric)
+        row = find(rows, "table3", character, name, metric)
         return row.value if row else None
 
     body = []
-    for name in names_in(own):
-        best = best_row(own, character, name, ALL)
+    for name in names_in(rows):
+        best = best_row(rows, character, name, ALL)
         ratios = [_over(value(rig, f"time_{ALL}"), best and best.value) for rig in RIGS]
         spread = [round_off(value(best.method if best else name, f"{kind}_{ALL}"), "ms") for kind in PERCENTILES]
         count = value(name, "multiplications")
@@ -155,20 +153,20 @@ def details_table(rows: Sequence[Row], character: str) -> Table:
         f"milliseconds there, on {cores:.0f} cores."
         if cores
         else "×: how many times as fast as the rig.",
-        _about(own),
-        *((NO_RIG,) if without_time(own) else ()),
+        _about(rows),
+        *((NO_RIG,) if without_time(rows) else ()),
     )
     return Table(f"Times and costs of one pose: {character}", (header,), tuple(body), notes)
 
 
 def names_in(rows: Sequence[Row]) -> list[str]:
-    """Return the rigs, methods and parts that are timed, in the order of tables; and the rig where it can't be."""
+    """Return the rigs, methods and parts that were timed, in the order of tables; the rig also if it can't be timed."""
     timed = {parted(row.method)[0] for row in rows if row.metric == f"time_{ALL}"}
     return in_table_order(timed | ({RIG} if without_time(rows) else set()))
 
 
 def without_time(rows: Sequence[Row]) -> set[str]:
-    """Return the characters that are known by their samples alone: their rig was not timed, and all else was."""
+    """Return the characters with times but none of their rig, since they are known by their samples alone."""
     timed = {row.character for row in rows if row.method == RIG and row.metric == f"time_{ALL}"}
     return {row.character for row in rows if row.metric == f"time_{ALL}"} - timed
 
@@ -188,7 +186,7 @@ def _about(rows: Sequence[Row]) -> str:
     return f"Means of {many}, in turns{slow}{times}."
 
 
-# Table 3's second question: the same weights, evaluated in several ways. What does each take?
+# Table 3's second question: how long does each way to evaluate the same weights take?
 
 COLUMNS = (PLAIN, "", JAX, ONNX, ONNX_THREADS, ONNX_SPINNING, FAST, HALF, GPU, GRAPH)
 ABOUT = {
@@ -207,22 +205,22 @@ WHERE = {ONE: "one core", ALL: "all cores", GRAPHICS: "a GPU"}
 
 
 def backends_tables(rows: Sequence[Row], character: str) -> list[Table]:
-    """Return tables of one character's milliseconds a pose by backend, or none where there is one backend only.
+    """Return tables of one character's milliseconds a pose by backend; none if there is one backend only.
 
-    The first is that of one core, where it is measured. That of all cores is there too if a backend divides its work,
-    and that of a GPU if one was timed.
+    There is one for a single core if that was measured, one for all cores if it wasn't or if a backend uses several
+    threads, and one for a GPU if that was timed.
     """
-    own = [row for row in rows if row.table == "table3" and row.character == character]
-    several = {where: {row.method for row in own if row.metric == f"time_{where}"} for where in WHERE}
+    rows = [row for row in rows if row.table == "table3" and row.character == character]
+    several = {where: {row.method for row in rows if row.metric == f"time_{where}"} for where in WHERE}
     divided = any(parted(name)[1] in THREADED for name in several[ALL])
     shown = [ONE, ALL] if several[ONE] and divided else [ONE if several[ONE] else ALL]
     shown += [GRAPHICS] if several[GRAPHICS] else []
-    tables = (_backends_table(own, character, where) for where in shown)
+    tables = (_backends_table(rows, character, where) for where in shown)
     return [table for table in tables if table]
 
 
-def _backends_table(own: Sequence[Row], character: str, where: str) -> Table | None:
-    timed = [row for row in own if row.metric == f"time_{where}"]
+def _backends_table(rows: Sequence[Row], character: str, where: str) -> Table | None:
+    timed = [row for row in rows if row.metric == f"time_{where}"]
     several = {parted(row.method)[0] for row in timed if parted(row.method)[1]}
     columns = [ending for ending in COLUMNS if any(name + ending in {row.method for row in timed} for name in several)]
     if not several:
@@ -232,49 +230,50 @@ def _backends_table(own: Sequence[Row], character: str, where: str) -> Table | N
         times = [find(timed, "table3", character, name + ending, f"time_{where}") for ending in columns]
         eager = next(row for row in times if row)  # plain torch where it differs from the suite's
         best = best_row(timed, character, name, where)
-        body.append((label_of(name), *(cell(own, row, where) for row in times), f"{eager.value / best.value:.1f}"))
+        body.append((label_of(name), *(cell(rows, row, where) for row in times), f"{eager.value / best.value:.1f}"))
     header = ("", *(BACKENDS[ending] for ending in columns), "best over torch")
     rigid = "the rigid step on the CPU" if where == GRAPHICS else "the rigid step with them"
     notes = (
         f"Means on {WHERE[where]}, {rigid}.",
-        *(ABOUT[ending].format(_largest(own, ending)) for ending in columns),
+        *(ABOUT[ending].format(_largest(rows, ending)) for ending in columns),
         f"Best over torch: plain torch, or the suite's where there is none, over the best that keeps within "
-        f"{_largest(own, *filter(None, EXACT))} mm of the suite's vertices.",
+        f"{_largest(rows, *filter(None, EXACT))} mm of the suite's vertices.",
     )
     title = f"Backends of {character} on {WHERE[where]}: milliseconds a pose by way to evaluate the same weights"
     return Table(title, (header,), tuple(body), notes)
 
 
 def _largest(rows: Sequence[Row], *endings: str) -> str:
-    """Return the largest difference from the suite's vertices that some backends have."""
+    """Return the largest difference of some backends from the suite's vertices, mm, in words."""
     differences = [row.value for row in rows if row.metric == "largest_difference" and parted(row.method)[1] in endings]
     return f"{max(differences):.1g}" if differences else "1e-3"
 
 
-# Error against milliseconds and megabytes: what a smaller error costs, every method a dot.
+# Error over milliseconds and over megabytes: what a smaller error costs, with a dot for each method.
 
 ERROR = "normal_error_mean"
 AXES = ((f"time_{ALL}", "ms", "milliseconds a pose, all cores"), ("model_size", "MB", "size, MB"))
 HEIGHT = 5.2  # inches
-BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # of letters that lines would cross
+BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # behind letters, where lines would cross them
 LINES = {
     NODES: ("rig, node by node", "left", 4),
     RIG: ("rig, compiled", "right", -3),
-}  # words, beside which their line is
-ABOVE, BELOW = 10, -25  # a dot, in points
+}  # words, their side of the line, and points from it
+ABOVE, BELOW = 10, -25  # a label's distance from its dot, points
 INSIDE = 6  # pixels between a label and the end of its panel
-NEAR = (0.45, 0.05)  # of two dots, in shares of all dots' costs and in powers of ten of errors: their labels would meet
+NEAR = (0.45, 0.05)  # labels of nearer dots would meet: share of the costs' span, and powers of ten of the error
 
 
 def frontier_chart(
     times: Sequence[Row], errors: Sequence[Row], character: str
 ) -> "tuple[matplotlib.figure.Figure, Words] | None":
-    """Return (figure, words): a character's normal errors against time and against size, on logarithmic axes.
+    """Return (figure, words): a character's normal errors over time and over size, on logarithmic axes.
 
-    times: rows of Table 3. errors: rows of Table 2. None where no method has both.
+    times: rows of Table 3. errors: rows of Table 2. None if no method has both.
     """
     from matplotlib.figure import Figure
 
+    # the methods with a time, an error and a size
     names = in_order(
         parted(row.method)[0]
         for row in times
@@ -292,12 +291,14 @@ def frontier_chart(
             name: (_cost(times, character, name, metric), find(errors, "table2", character, name, ERROR).value)
             for name in names
         }
+        # a labelled dot for each method
         for name, (cost, error) in dots.items():
             method = method_named(name)
             axes.plot(cost, error, "o", color=method.colour, markersize=10, zorder=3)
             place = {"textcoords": "offset points", "ha": "center", "zorder": 2, "bbox": BACKGROUND}
             axes.annotate(method.label, (cost, error), (0, BELOW if _is_crowded(name, dots) else ABOVE), **place)
             phrases.append(f"{method.label}: {round_off(cost, unit)} {unit}, {round_off(error, 'deg')}°")
+        # a line for each evaluation of the rig
         for name, (words, side, aside) in LINES.items() if unit == "ms" else ():
             if row := find(times, "table3", character, name, metric):
                 axes.axvline(row.value, color="0.45", linestyle=":", zorder=1)
@@ -320,20 +321,20 @@ def frontier_chart(
 
 
 def _keep_inside(figure: "matplotlib.figure.Figure", labels: Collection[str]) -> None:
-    """Move dots' labels that would cross the left or the right end of their panel so far that they don't."""
-    figure.draw_without_rendering()  # the layout decides how long a panel is
+    """Move labels of dots that would cross the left or the right end of their panel back inside."""
+    figure.draw_without_rendering()  # only the layout knows how wide a panel is
     for axes in figure.axes:
         room = axes.get_window_extent()
         for text in axes.texts:
             if text.get_text() in labels:
-                own = text.get_window_extent()
-                pixels = max(room.x0 + INSIDE - own.x0, 0) or min(room.x1 - INSIDE - own.x1, 0)
+                extent = text.get_window_extent()
+                pixels = max(room.x0 + INSIDE - extent.x0, 0) or min(room.x1 - INSIDE - extent.x1, 0)
                 across, up = text.xyann
                 text.xyann = (across + pixels * 72 / figure.dpi, up)
 
 
 def _is_crowded(name: str, dots: Mapping[str, tuple[float, float]]) -> bool:
-    """Return whether another dot is so near that labels would meet; of both the one of the smaller cost says so."""
+    """Return whether another dot of larger cost is so near that their labels would meet."""
     places = {each: np.log10(dot) for each, dot in dots.items()}
     span = np.ptp([cost for cost, _ in places.values()])
     for other, place in places.items():
@@ -348,7 +349,7 @@ def _cost(times: Sequence[Row], character: str, name: str, metric: str) -> float
     return (best_row(times, character, name, ALL) if metric == AXES[0][0] else row).value
 
 
-# Do two runs of Table 3 agree? How far the speed-ups over the rig of one are from those of the other.
+# Do two runs of Table 3 agree? The ratios of their speed-ups over the rig.
 
 AGREED = 1.1  # ratios further apart than this don't agree
 KINDS = {"time": "by the means", "median": "by the medians", "p05": "by the 5th percentiles"}
@@ -357,26 +358,26 @@ Ratios = Mapping[tuple[str, str, str, str], float]  # by character, method, rig 
 
 
 def agreement_rows(before: Iterable[Row], after: Iterable[Row]) -> list[Row]:
-    """Return one row a speed-up over the rig that two runs have: the later run's over the earlier one's.
+    """Return a row for each speed-up over the rig that two runs share: the later run's over the earlier one's.
 
-    A row is named as a time of the later run is, as `change_time_one_core[rig]`: of the means, on one core, over the
-    compiled rig.
+    Its metric, such as `change_time_one_core[rig]`, names the kind of time (here the mean), the place and the rig's
+    evaluation (here compiled).
     """
     after = list(after)
-    one, other = (speed_ups_by_kind(rows) for rows in (before, after))
+    earlier, later = (speed_ups_by_kind(rows) for rows in (before, after))
     profile, run = (after[0].profile, after[0].run) if after else ("", "")
     return [
         Row(
             "table3", character, name, f"{CHANGE}{kind}_{where}[{rig}]", "ratio", new / old, None, 1, None, profile, run
         )
         for kind in KINDS
-        for (character, name, rig, where), new in other[kind].items()
-        if (old := one[kind].get((character, name, rig, where)))
+        for (character, name, rig, where), new in later[kind].items()
+        if (old := earlier[kind].get((character, name, rig, where)))
     ]
 
 
 def agreement_table(rows: Iterable[Row]) -> Table | None:
-    """Return how many speed-ups over the rig agree with the run before; None where no row says so."""
+    """Return how many speed-ups over the rig agree with the run before; None if there was none."""
     changes = [row for row in rows if row.table == "table3" and row.metric.startswith(CHANGE)]
     body = []
     for kind, words in KINDS.items():
@@ -395,7 +396,7 @@ def agreement_table(rows: Iterable[Row]) -> Table | None:
 
 
 def speed_ups_by_kind(rows: Iterable[Row]) -> dict[str, Ratios]:
-    """Return the speed-ups over the rig of each method's best evaluation, by the kind of time that they are of."""
+    """Return the speed-ups over the rig of each method's best evaluation, by the kind of time (`KINDS`)."""
     rows = [row for row in rows if row.table == "table3"]
     found: dict[str, Ratios] = {}
     for kind in KINDS:

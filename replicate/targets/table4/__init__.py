@@ -1,8 +1,9 @@
-"""Table 4: errors of approximations in poses that inverse kinematics finds for dragged control points (§5.3.1)."""
+"""Make Table 4: the methods' errors in poses that inverse kinematics finds for dragged control points (§5.3.1)."""
 
 import argparse
 from collections.abc import Sequence
 
+from replicate.base.paths import PAPER, display_path
 from replicate.cli.options import methods
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
@@ -10,24 +11,26 @@ from replicate.inverse import ik_stage
 from replicate.methods import artefacts, measurement
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
-from replicate.report.publication import CharacterResult, results_folder
-from replicate.report.results import STANDS_FOR
+from replicate.report.publication import CharacterResult, publish_rows, results_folder
+from replicate.report.results import STANDS_FOR, read_results
+from replicate.report.tables import as_text
 from replicate.targets.shown_records import posing_stage
-from replicate.targets.table4.rows import PosingNumbers, Source
+from replicate.targets.table4.rows import PosingSettings, Source, write_all
+from replicate.targets.table4.tables import tables4
 
 FILE = "table4.csv"
-OWN_GRADIENTS = ("Toothless",)  # of the paper's characters: each method is fed by networks trained through itself
+OWN_GRADIENTS = ("Toothless",)  # film characters whose IK networks are trained through each method itself
 
 
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
-    """Return the stages of one character's table, the last; those of the methods, the slow ones, come first."""
+    """Return the stages of one character's table, those of the methods, the slow ones, first and the table last."""
     predicting = [method for method in methods if not method.oracle]
     differentiable = [method for method in predicting if method.model]
     through_rig = ik_stage.stage(plan, None)  # takes longest, and needs none of the methods' networks
     trained = [*(ik_stage.stage(plan, method) for method in differentiable), through_rig]
     sources = [Source(method.name, reference(method.model)) for method in differentiable]
     base = plan.character.partition("@")[0]
-    numbers = PosingNumbers(
+    settings = PosingSettings(
         plan.character,
         plan.config.profile,
         plan.config.seed,
@@ -40,15 +43,13 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
         stage(plan)
         for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage, artefacts.rigid_stage)
     )
-    own_stages = [stage for method in predicting for stage in method.stages(plan)]
-    inputs = (*shared, *own_stages, *trained)
-    return [*own_stages, through_rig, *trained, posing_stage(plan, "table4", pose, numbers, predicting, inputs)]
+    method_stages = [stage for method in predicting for stage in method.stages(plan)]
+    inputs = (*shared, *method_stages, *trained)
+    return [*method_stages, through_rig, *trained, posing_stage(plan, "table4", pose, settings, predicting, inputs)]
 
 
 def pose(context: StageContext) -> None:
     """Find poses for the configurations of control points and measure every method in them."""
-    from replicate.targets.table4.rows import write_all
-
     write_all(context.config, context.inputs, context.files, context.progress, context.out)
 
 
@@ -59,12 +60,6 @@ def run(options: argparse.Namespace) -> None:
 
 def publish(results: Sequence[CharacterResult]) -> None:
     """Write Table 4 of some characters to the profile's folder, print it, and execute its notebook if it is stale."""
-    from replicate.base.paths import PAPER, display_path
-    from replicate.report.publication import publish_rows
-    from replicate.report.results import read_results
-    from replicate.report.tables import as_text
-    from replicate.targets.table4.tables import tables4
-
     rows = publish_rows("table4", results)
     for table in tables4(rows, read_results(PAPER / FILE)):
         print(as_text(table))

@@ -1,4 +1,4 @@
-"""One character's numbers of Table 4, from its rig, its methods' models and its IK networks."""
+"""One character's rows of Table 4, from its rig, its methods' models and its IK networks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,17 +23,21 @@ from replicate.report.results import Row, run_name, write_results
 
 @dataclass(frozen=True)
 class Source:
-    """What IK networks are trained through: a method's name and "module:function" of its model; "" for the rig."""
+    """What IK networks are trained through: a method and "module:function" of its model, which is "" for the rig."""
 
     name: str
     model: str
 
 
 @dataclass(frozen=True)
-class PosingNumbers:
-    """Whose table it is, what is measured, and through what inverse kinematics sees the rig.
+class PosingSettings:
+    """The settings of Table 4's stage.
 
-    own_gradients: whether the paper's protocol feeds each method by networks trained through itself.
+    character, profile, seed: for the columns of its rows
+    section: the configuration of inverse kinematics
+    methods: the methods that are measured
+    sources: what IK networks are trained through
+    own_gradients: whether the paper's protocol takes each method's parameters from networks trained through itself
     """
 
     character: str
@@ -46,78 +50,80 @@ class PosingNumbers:
 
 
 ROWS = "table4.csv"
-LIMITED = "_limited"  # the ending of errors at parameters that are brought within their controls' limits
-FED_BY = ("refined", "coarse")  # whose networks feed all methods: the full CNN's, as in the paper, or what there is
-RECOVERED, DERIVATIVES = 200, 25  # test poses whose points are found again, and whose derivatives are compared
-Number = tuple[str, str, str, float, int]  # method, metric, unit, value, poses
+LIMITED = "_limited"  # the ending of errors at parameters that are clipped to their controls' limits
+FED_BY = ("refined", "coarse")  # networks trained through the first of these pose all methods; the paper's is refined
+RECOVERED, DERIVATIVES = 200, 25  # test poses whose points are solved for, and whose derivatives are compared
+Metric = tuple[str, str, str, float, int]  # method, metric, unit, value, poses
 
 
 def write_all(
-    settings: PosingNumbers, inputs: Mapping[str, Path], files: Sequence[Path], progress: Callable, out: Path
+    settings: PosingSettings, inputs: Mapping[str, Path], files: Sequence[Path], progress: Callable, out: Path
 ) -> None:
     """Write a character's rows to a folder.
 
-    files: that of its drags, or none: then a script draws them. progress: (total, label) → a context manager.
+    inputs: folders of artefacts by the names of their stages
+    files: the file of its drags, or none: then they are drawn by a script
+    progress: (total, label) → a context manager
     """
     rig = artefacts.load_rig(inputs)
     points = control_points(rig, artefacts.load_influence(inputs))
     targets = configurations(rig, points, files)
-    numbers: list[Number] = []
+    metrics: list[Metric] = []
     with progress(2 * len(settings.sources), "posing") as bar:
         posed = {}
         for source in settings.sources:
             params = ik_stage.load(inputs, source.name).solve(targets)
             posed[source.name] = pose(rig, params)
-            numbers += _approximations(settings, inputs, rig, source, posed[source.name])
+            metrics += _approximations(settings, inputs, rig, source, posed[source.name])
             limited = pose(rig, np.clip(params, rig.lower, rig.upper))
-            numbers += _approximations(settings, inputs, rig, source, limited, LIMITED)
+            metrics += _approximations(settings, inputs, rig, source, limited, LIMITED)
             bar.update(1)
         for source in settings.sources:
-            numbers += _points(settings, inputs, rig, points, source, posed[source.name], targets)
+            metrics += _points(settings, inputs, rig, points, source, posed[source.name], targets)
             bar.update(1)
-    numbers += _derivatives(settings, inputs, rig, points)
+    metrics += _derivatives(settings, inputs, rig, points)
     run = run_name(inputs)
     facts = settings.profile, run
     rows = [
         Row("table4", settings.character, method, metric, unit, float(value), None, 1, poses, *facts)
-        for method, metric, unit, value, poses in numbers
+        for method, metric, unit, value, poses in metrics
     ]
     write_results(out / ROWS, rows)
 
 
-def feeder(settings: PosingNumbers, method: str) -> str:
-    """Return through what the networks are trained that feed a method under the paper's protocol."""
+def feeder(settings: PosingSettings, method: str) -> str:
+    """Return the source of the IK networks whose poses a method is measured in under the paper's protocol."""
     names = [source.name for source in settings.sources]
     common = next((name for name in FED_BY if name in names), names[0])
     return method if settings.own_gradients and method in names else common
 
 
 def _approximations(
-    settings: PosingNumbers, inputs: Mapping[str, Path], rig: Rig, source: Source, posed: Posed, ending: str = ""
-) -> list[Number]:
-    """Return every method's errors in the poses that a source leads to. ending: of the metrics' names."""
+    settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, source: Source, posed: Posed, ending: str = ""
+) -> list[Metric]:
+    """Return every method's errors in the poses of a source's IK networks. ending: of the metrics' names."""
     rigid = artefacts.load_attachments(inputs).segment.tolist()
-    predictors = {numbers.method: predictor(numbers, inputs) for numbers in settings.methods}
-    numbers = []
+    predictors = {entry.method: predictor(entry, inputs) for entry in settings.methods}
+    metrics = []
     for method, errors in approximation_errors(rig, posed, predictors, rigid, 32).items():
         for kind, unit, tally in (("vertex", "mm", errors.vertex), ("normal", "deg", errors.normal)):
             mean, count = summary(tally).mean, len(errors.pose_mm)
-            numbers.append((method, f"{kind}_error_mean{ending}[{source.name}]", unit, mean, count))
+            metrics.append((method, f"{kind}_error_mean{ending}[{source.name}]", unit, mean, count))
             if feeder(settings, method) == source.name:
-                numbers.append((method, f"{kind}_error_mean{ending}", unit, mean, count))
-    return numbers
+                metrics.append((method, f"{kind}_error_mean{ending}", unit, mean, count))
+    return metrics
 
 
 def _points(
-    settings: PosingNumbers,
+    settings: PosingSettings,
     inputs: Mapping[str, Path],
     rig: Rig,
     points: ControlPoints,
     source: Source,
     posed: Posed,
     targets: np.ndarray,
-) -> list[Number]:
-    """Return how well the networks trained through a source bring the rig's points where they shall go."""
+) -> list[Metric]:
+    """Return how well the IK networks of a source bring the rig's points to their targets."""
     section, name, count = settings.section, source.name, len(targets)
     axes = section.coordinates
     samples = artefacts.load_samples(inputs)
@@ -136,19 +142,19 @@ def _points(
     ]
 
 
-def _derivatives(settings: PosingNumbers, inputs: Mapping[str, Path], rig: Rig, points: ControlPoints) -> list[Number]:
-    """Return how well each approximation's derivative agrees with the rig's, region by region, over test poses."""
+def _derivatives(settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, points: ControlPoints) -> list[Metric]:
+    """Return how well each approximation's derivative agrees with the rig's over test poses, region by region."""
     samples = artefacts.load_samples(inputs)
     rows = unique_poses(samples.test_params)
     params = samples.test_params[rows[np.linspace(0, len(rows) - 1, min(DERIVATIVES, len(rows))).astype(int)]]
     exact, ranges = jacobians(RigPoints(rig, points.vertices), params), parameter_ranges(rig)
-    numbers = []
+    metrics = []
     for source in settings.sources:
         if not source.model:
             continue
-        own = jacobians(ik_stage.positions(inputs, source.model, points.vertices), params)
-        for region, agreement in agreement_by_region(own, exact, ranges, points.regions).items():
+        approximated = jacobians(ik_stage.positions(inputs, source.model, points.vertices), params)
+        for region, agreement in agreement_by_region(approximated, exact, ranges, points.regions).items():
             suffix = f"[{region}]" if region else ""
-            numbers.append((source.name, f"derivative_cosine{suffix}", "ratio", agreement.cosine, len(params)))
-            numbers.append((source.name, f"derivative_size{suffix}", "ratio", agreement.size, len(params)))
-    return numbers
+            metrics.append((source.name, f"derivative_cosine{suffix}", "ratio", agreement.cosine, len(params)))
+            metrics.append((source.name, f"derivative_size{suffix}", "ratio", agreement.size, len(params)))
+    return metrics

@@ -1,4 +1,4 @@
-"""Table 4, printed: ours beside the paper's, through whom inverse kinematics sees the rig, and what that does."""
+"""Print Table 4: ours beside the paper's, and for each character what its IK networks are trained through."""
 
 from collections.abc import Iterable, Sequence
 
@@ -15,7 +15,7 @@ WITHIN = (
     "at their limits; an approximation that has not seen parameters beyond them does not."
 )
 KINDS = (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees"))
-COLUMNS = (  # of the table about the networks: metric, unit, header
+COLUMNS = (  # of the table about the IK networks: metric, unit, header
     ("point_error_mean", "mm", "points, mm"),
     ("point_error_mean[solver]", "mm", "by a solver, mm"),
     ("recovered_error_mean", "mm", "points of test poses, mm"),
@@ -30,8 +30,8 @@ def tables4(ours: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
     rows = [row for row in ours if row.table == "table4"]
     tables = [posing_table(rows, paper)]
     for character in characters_of(rows):
-        own = [row for row in rows if row.character == character]
-        tables += [feeding_table(own, character), networks_table(own, character)]
+        its_rows = [row for row in rows if row.character == character]
+        tables += [feeding_table(its_rows, character), networks_table(its_rows, character)]
     return tables
 
 
@@ -58,7 +58,7 @@ def posing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
 
 
 def feeding_table(rows: Sequence[Row], character: str) -> Table:
-    """Return one character's errors of every method in the poses of every IK model: a column an IK model."""
+    """Return one character's errors of every method, with a column for the poses of each source's IK networks."""
     sources = _sources(rows)
     methods = in_order({row.method for row in rows if row.metric.startswith("normal_error_mean[")})
     body: list[tuple[str, ...] | None] = []
@@ -77,7 +77,7 @@ def feeding_table(rows: Sequence[Row], character: str) -> Table:
 
 
 def networks_table(rows: Sequence[Row], character: str) -> Table:
-    """Return what one character's IK networks reach, by what they are trained through."""
+    """Return how well one character's IK networks work, with a line for each source that they are trained through."""
     body = []
     for source in _sources(rows):
         found = [(find(rows, "table4", character, source, metric), unit) for metric, unit, _ in COLUMNS]
@@ -97,7 +97,7 @@ def networks_table(rows: Sequence[Row], character: str) -> Table:
 
 
 def source_label(source: str) -> str:
-    """Return what tables call what IK networks are trained through."""
+    """Return the name of a source of IK networks in tables."""
     return "the rig itself" if source == RIG else method_named(source).label
 
 
