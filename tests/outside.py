@@ -18,14 +18,14 @@ from replicate.methods.method import Method
 
 
 def stages(plan):
-    return (plan.stage("mine", fit, plan.numbers(None), artefacts.rig_stage(plan), artefacts.samples_stage(plan)),)
+    return (plan.stage("mine", fit, plan.settings(None), artefacts.rig_stage(plan), artefacts.samples_stage(plan)),)
 
 
 def fit(context):
     np.save(context.out / "mean.npy", artefacts.load_samples(context.inputs).offsets(np.arange(2)).mean(0))
 
 
-def load(inputs, numbers):
+def load(inputs, settings):
     vertices = artefacts.load_mesh(inputs).neutral + np.load(inputs["mine"] / "mean.npy")
     return lambda params: np.broadcast_to(vertices, (len(params), *vertices.shape))
 
@@ -52,7 +52,7 @@ class Mean:
 
 
 def stages(plan):
-    return (plan.stage("mine", fit, plan.numbers(None), artefacts.rig_stage(plan), artefacts.samples_stage(plan)),)
+    return (plan.stage("mine", fit, plan.settings(None), artefacts.rig_stage(plan), artefacts.samples_stage(plan)),)
 
 
 def fit(context):

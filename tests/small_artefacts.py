@@ -50,7 +50,7 @@ def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[s
 def predicted(method: Method, inputs: dict[str, Path], params: np.ndarray) -> np.ndarray:
     """Return the vertices (b, n, 3), mm, that a method gives for parameters (b, m), read as the suite reads it."""
     read = reading(method, resolve("tiny", "quick"))
-    return read.load(inputs, read.numbers)(np.array(params))
+    return read.load(inputs, read.settings)(np.array(params))
 
 
 def straight_samples() -> SmallSamples:

@@ -3,17 +3,17 @@
 import numpy as np
 from small_face import small_mesh
 
-from replicate.methods.measurement import MeasurementNumbers
+from replicate.methods.measurement import MeasurementSettings
 
 
-def blind(inputs, numbers):
+def blind(inputs, settings):
     """Return parameters → the neutral mesh moved along x by the first parameter times a number."""
-    return lambda params: small_mesh().neutral + numbers * params[:, :1, None] * np.float32([1, 0, 0])
+    return lambda params: small_mesh().neutral + settings * params[:, :1, None] * np.float32([1, 0, 0])
 
 
-def seeing(inputs, numbers):
+def seeing(inputs, settings):
     """Return (parameters, truth) → the truth, moved along x by a number."""
-    return lambda params, truth: truth + np.float32([numbers, 0, 0])
+    return lambda params, truth: truth + np.float32([settings, 0, 0])
 
 
 ANSWERS = {  # what a method could return by mistake, for vertices (b, n, 3)
@@ -36,10 +36,10 @@ ANSWERS = {  # what a method could return by mistake, for vertices (b, n, 3)
 GOOD = ("a list", "whole numbers")
 
 
-def mistaken(inputs, numbers):
+def mistaken(inputs, settings):
     """Return parameters → the neutral mesh as one of `ANSWERS` changes it."""
     neutral = small_mesh().neutral
-    return lambda params: ANSWERS[numbers](np.broadcast_to(neutral, (len(params), *neutral.shape)))
+    return lambda params: ANSWERS[settings](np.broadcast_to(neutral, (len(params), *neutral.shape)))
 
 
 def facts(inputs, mesh):
@@ -47,9 +47,9 @@ def facts(inputs, mesh):
     return [("vertices", "count", len(mesh.neutral))]
 
 
-def multiplications(inputs, numbers):
+def multiplications(inputs, settings):
     """Return one product for each coordinate of the mesh."""
     return 3 * len(small_mesh().neutral)
 
 
-BLIND = MeasurementNumbers("toy", f"{__name__}:blind", "", 2.0, False, False, 0, 8, 0)  # on all test poses
+BLIND = MeasurementSettings("toy", f"{__name__}:blind", "", 2.0, False, False, 0, 8, 0)  # on all test poses

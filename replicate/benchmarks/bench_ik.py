@@ -118,7 +118,7 @@ def ways_of(
     for method in methods:
         predict = fast_evaluation(method.model(inputs), rig.mesh, placing_attachments(method, attachments))
         if predict is None:
-            slow = measurement.predictor(measurement.numbers_of(method, plan.config), inputs)
+            slow = measurement.predictor(measurement.measurement_settings(method, plan.config), inputs)
             predict = partial(_without_truth, slow, no_truth)
         updates[method.name] = update(networks[method.name], predict)
     return networks, updates

@@ -40,7 +40,7 @@ ABOUT = "which part of the released recipe makes the paper's dense networks fail
 WRITES = "results/runs/bench/bench_released.csv, bench_released_<character>.png"
 TABLE = "bench_released"
 STEPS = 3_000
-SECTIONS = {"dense": released.own_dense, "coarse": released.own_coarse}  # of the configuration, by method
+SECTIONS = {"dense": released.dense_section, "coarse": released.coarse_section}  # of the configuration, by method
 PIECES = {  # of a recipe: the keys of the section that it consists of
     "controls": ("conditioning.inputs",),
     "unit of offsets": ("conditioning.unit_mm",),

@@ -5,7 +5,7 @@ from typing import Literal
 
 from replicate.base.exceptions import InputError
 from replicate.base.schema import Checked, number
-from replicate.methods.measurement import MeasurementNumbers
+from replicate.methods.measurement import MeasurementSettings
 
 DEGREE = 2  # of the polynomials that smoothing fits to a window of frames
 
@@ -40,7 +40,7 @@ class CaptureConfig(Checked):
             raise InputError(f"smoothing_frames: expected {expected}, got {self.smoothing_frames}")
 
 
-def own(profile: str) -> CaptureConfig:
+def default_section(profile: str) -> CaptureConfig:
     """Return the section `[capture]` of a profile's configuration, the same in every profile."""
     return CaptureConfig()
 
@@ -49,9 +49,9 @@ def own(profile: str) -> CaptureConfig:
 
 
 @dataclass(frozen=True)
-class CaptureNumbers:
+class CaptureSettings:
     """Whose face is driven, how landmarks move it, and which approximation gives the mesh."""
 
     character: str
     section: CaptureConfig
-    method: MeasurementNumbers
+    method: MeasurementSettings

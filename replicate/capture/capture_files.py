@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 from data_recipes.rig import Rig
 from replicate.base.tables import Column, write_csv
 from replicate.capture import landmark_rig
-from replicate.capture.capture_config import CaptureConfig, CaptureNumbers
+from replicate.capture.capture_config import CaptureConfig, CaptureSettings
 from replicate.capture.driven_face import ApproximatedRig, driven_params, face_picture, head_camera
 from replicate.capture.landmark_file import Recording, read_landmarks
 from replicate.capture.landmark_motion import Motion, control_motion, telling_frames
@@ -29,7 +29,7 @@ FRAMES, TALL = 5, 1.2  # frames of a strip; a picture's height over its width
 TOLERANCE_MM = 0.25  # that a vertex of the GLB may be off: less than a landmark is
 
 
-def write_all(settings: CaptureNumbers, inputs: Mapping[str, Path], file: Path, out: Path) -> dict:
+def write_all(settings: CaptureSettings, inputs: Mapping[str, Path], file: Path, out: Path) -> dict:
     """Write a recording's files into the folder `out` and return facts about it. file: the recording, as CSV."""
     rig, section = landmark_rig.load_landmark_rig(inputs), settings.section
     recording = read_landmarks(file, rig.control_point_names, section.longest_gap)

@@ -9,12 +9,12 @@ from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.base.schema import either, shown
 from replicate.base.user_files import whole_number, words
-from replicate.capture.capture_config import own as capture_section
+from replicate.capture.capture_config import default_section as capture_section
 from replicate.config import LARGEST_SEED, PROFILES, Config, check_profile, resolve
 from replicate.engine.cluster.config import is_elsewhere
 from replicate.engine.device import choose_device
 from replicate.engine.provenance import core_count
-from replicate.inverse.control_points import own as inverse_section
+from replicate.inverse.control_points import default_section as inverse_section
 from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan

@@ -111,7 +111,7 @@ class InverseConfig(Checked):
         return IMAGE_PLANE if self.axes == "xy" else SPACE
 
 
-def own(profile: str) -> InverseConfig:
+def default_section(profile: str) -> InverseConfig:
     """Return the section `[inverse]` of a profile's configuration."""
     training = TRAINING.get(profile, TRAINING["laptop"])
     return InverseConfig(training=replace(training, steps=STEPS[profile]))

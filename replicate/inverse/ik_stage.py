@@ -9,11 +9,10 @@ import numpy as np
 from jaxtyping import Int
 
 from replicate.engine.stage import Stage, StageContext, stage_function
-from replicate.inverse.control_points import InverseConfig, control_points
-from replicate.inverse.control_points import own as default_section
+from replicate.inverse.control_points import InverseConfig, control_points, default_section
 from replicate.methods import artefacts
 from replicate.methods.method import Method
-from replicate.methods.plan import Plan, TrainingNumbers, reference
+from replicate.methods.plan import Plan, TrainingSettings, reference
 
 if TYPE_CHECKING:
     import replicate.inverse.ik_network
@@ -24,7 +23,7 @@ LOG = "log.csv"
 
 
 @dataclass(frozen=True)
-class ThroughModel(TrainingNumbers):
+class ThroughModel(TrainingSettings):
     """The training's settings. model: "module:function" of the approximation's `model`; "" for the rig itself."""
 
     model: str

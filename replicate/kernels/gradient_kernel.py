@@ -124,8 +124,8 @@ def read_back(
             sample, pulled = builder.fmul(pixels[0], parts[0]), builder.fmul(weights[0], pulls[0])
             for pixel, part in zip(pixels[1:], parts[1:], strict=True):
                 sample = call(builder, "fma", pixel, part, sample)
-            for own, pull in zip(weights[1:], pulls[1:], strict=True):
-                pulled = call(builder, "fma", own, pull, pulled)
+            for row, pull in zip(weights[1:], pulls[1:], strict=True):
+                pulled = call(builder, "fma", row, pull, pulled)
             for pull, total in zip(pulls, totals, strict=True):
                 add_product(builder, total, sample, pull)
             for corner, part in zip(corners, parts, strict=True):

@@ -113,8 +113,8 @@ def _deactivate(upstream, image, batch, made, slope):
     """Take a gradient through the leaky ReLU that gave `image`, in place; return its sum over all pixels (16,)."""
     sums, length = np.zeros(CHANNELS, np.float32), len(image) // batch
     for b in range(batch):
-        own = slice(b * length, (b + 1) * length)
-        deactivate_pixels(upstream[own], image[own], made, slope, sums)
+        pose = slice(b * length, (b + 1) * length)
+        deactivate_pixels(upstream[pose], image[pose], made, slope, sums)
     return sums
 
 
@@ -157,8 +157,8 @@ def _read_backward(image, size, upper, shares, weight, upstream, out):
     gradient, bias = np.zeros((3, CHANNELS), np.float32), np.zeros(3, np.float32)
     length, below = len(image) // len(upstream), (size + 2) * CHANNELS
     for b in range(len(upstream)):
-        own = slice(b * length, (b + 1) * length)
-        read_back(image[own], upper, below, shares, weight, upstream[b], out[own], gradient)
+        pose = slice(b * length, (b + 1) * length)
+        read_back(image[pose], upper, below, shares, weight, upstream[b], out[pose], gradient)
         for i in range(upstream.shape[1]):
             for k in range(3):
                 bias[k] += upstream[b, i, k]

@@ -110,7 +110,7 @@ def rig_provenance_text(character: str) -> str:
 
 def samples_stage(plan: Plan) -> Stage:
     """Return the stage that draws the poses and evaluates the rig at them."""
-    return plan.stage("samples", make_samples, plan.numbers(plan.config.samples), rig_stage(plan))
+    return plan.stage("samples", make_samples, plan.settings(plan.config.samples), rig_stage(plan))
 
 
 def make_samples(context: StageContext) -> None:
@@ -141,8 +141,8 @@ def influence_stage(plan: Plan) -> Stage:
     """
     if sample_folder(plan.config.character):
         inputs = (rig_stage(plan), samples_stage(plan))
-        return plan.stage("influence", estimate, plan.numbers(None), *inputs)
-    return plan.stage("influence", make_influence, plan.numbers(plan.config.samples), rig_stage(plan))
+        return plan.stage("influence", estimate, plan.settings(None), *inputs)
+    return plan.stage("influence", make_influence, plan.settings(plan.config.samples), rig_stage(plan))
 
 
 def make_influence(context: StageContext) -> None:
@@ -184,7 +184,7 @@ ATTACHMENTS = "attachments.npz"
 def rigid_stage(plan: Plan) -> Stage:
     """Return the stage that finds rigid segments and the vertices that carry them."""
     inputs = (rig_stage(plan), samples_stage(plan))
-    return plan.stage("rigid", find_rigid, plan.numbers(plan.config.rigid), *inputs)
+    return plan.stage("rigid", find_rigid, plan.settings(plan.config.rigid), *inputs)
 
 
 def find_rigid(context: StageContext) -> None:
@@ -244,7 +244,7 @@ def squares_stage(plan: Plan) -> Stage:
     section = plan.config.refinement
     settings = SquareSettings(section.poses, section.square, section.clusters_max, plan.config.coarse.map_size)
     inputs = (stage(plan) for stage in (rig_stage, samples_stage, influence_stage, rigid_stage))
-    return plan.stage("selection", choose_squares, plan.numbers(settings), *inputs)
+    return plan.stage("selection", choose_squares, plan.settings(settings), *inputs)
 
 
 def choose_squares(context: StageContext) -> None:

@@ -5,18 +5,18 @@ from pathlib import Path
 
 from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts
-from replicate.methods.method import Method, Number
+from replicate.methods.method import Method, Metric
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+def load(inputs: Mapping[str, Path], settings: None) -> Callable:
     """Return (parameters, truth) → truth; the rigid step then replaces its rigid segments."""
     return lambda params, truth: truth
 
 
-def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Metric]:
     """Return how many rigid segments there are, how rigid they are, and how well the worst of them is placed."""
     attachments = artefacts.load_attachments(inputs)
-    count: list[Number] = [("rigid_segments", "count", len(attachments.segment))]
+    count: list[Metric] = [("rigid_segments", "count", len(attachments.segment))]
     if not len(attachments.segment):
         return count
     return [

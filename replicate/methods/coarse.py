@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
-from replicate.methods.method import Method, Number
+from replicate.methods.method import Method, Metric
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
@@ -39,14 +39,14 @@ def map_sizes(inputs: Mapping[str, Path]) -> dict[str, tuple[int, int]]:
     return {s.name: (net.map_size, len(s.vertices)) for s, net in zip(model.segments, model.networks, strict=True)}
 
 
-def texels(maps: Mapping[str, tuple[int, int]]) -> list[Number]:
+def texels(maps: Mapping[str, tuple[int, int]]) -> list[Metric]:
     """Return how many texels each vertex has: in every map, and in all maps together."""
     ratios = {f"[{name}]": width**2 / vertices for name, (width, vertices) in maps.items()}
     ratios[""] = sum(width**2 for width, _ in maps.values()) / sum(vertices for _, vertices in maps.values())
     return [(f"texels_per_vertex{which}", "ratio", ratio) for which, ratio in ratios.items()]
 
 
-def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Metric]:
     """Return how many texels each vertex has."""
     return texels(map_sizes(inputs))
 

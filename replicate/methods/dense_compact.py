@@ -37,7 +37,7 @@ class CompactSettings:
     shapes: RefinedShapes
 
 
-def own(profile: str) -> CompactConfig:
+def default_section(profile: str) -> CompactConfig:
     """Return the method's section of the configuration, the same in every profile."""
     return CompactConfig()
 
@@ -84,5 +84,5 @@ METHOD = variant(
     stages=lambda plan: (stage(plan),),
     model=load_model,
     note="The trained dense networks, their last layers low-rank in 8 and 16 bits: no larger than the refined model.",
-    own=own,
+    default_section=default_section,
 )

@@ -14,7 +14,7 @@ from replicate.base.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, dense_network
 from replicate.methods.method import variant
-from replicate.methods.plan import Plan, TrainingNumbers
+from replicate.methods.plan import Plan, TrainingSettings
 from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def refined_size_mb(inputs: Mapping[str, Path], shapes: RefinedShapes) -> float:
 
 
 @dataclass(frozen=True)
-class SmallSettings(TrainingNumbers):
+class SmallSettings(TrainingSettings):
     """What the dense networks are trained with, and the shapes of the networks that limit their size."""
 
     shapes: RefinedShapes

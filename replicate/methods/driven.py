@@ -7,12 +7,12 @@ from pathlib import Path
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, skinned
 from replicate.methods.method import Method, Model
-from replicate.methods.plan import Plan, TrainingNumbers
+from replicate.methods.plan import Plan, TrainingSettings
 from replicate.methods.training_stage import write_training
 
 
 @dataclass(frozen=True)
-class DrivenSettings(TrainingNumbers):
+class DrivenSettings(TrainingSettings):
     """What the network is trained with, and how many bones its skin has."""
 
     bones: int

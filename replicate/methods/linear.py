@@ -36,14 +36,14 @@ class LinearConfig(Checked):
     strengths: tuple[float, ...] = number((1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3), 0.0, 1e6)
 
 
-def own(profile: str) -> LinearConfig:
+def default_section(profile: str) -> LinearConfig:
     """Return the method's section of the configuration, the same in every profile."""
     return LinearConfig()
 
 
 def stage(plan: Plan) -> Stage:
     """Return the stage that fits the weights."""
-    return plan.stage("linear", fit, plan.numbers(METHOD.section(plan.config)), *inputs_of_networks(plan))
+    return plan.stage("linear", fit, plan.settings(METHOD.section(plan.config)), *inputs_of_networks(plan))
 
 
 def fit(context: StageContext) -> None:
@@ -166,5 +166,5 @@ METHOD = Method(
     place=50,
     note="Ridge regression from rig parameters to vertices, segment by segment: a straight line.",
     colour="#56B4E9",
-    own=own,
+    default_section=default_section,
 )

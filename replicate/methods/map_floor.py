@@ -53,7 +53,7 @@ METHODS = (
         80,
         colour="#E69F00",
         floor_of="coarse",
-        numbers=_settings,
+        settings=_settings,
         **SHARED,
     ),
     Method(
@@ -64,7 +64,7 @@ METHODS = (
         81,
         colour="#0072B2",
         floor_of="refined",
-        numbers=_refined_settings,
+        settings=_refined_settings,
         **SHARED,
     ),
 )

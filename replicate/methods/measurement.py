@@ -16,7 +16,7 @@ from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext, stage_function, stream_rng
 from replicate.engine.store import read_manifest
 from replicate.methods import artefacts
-from replicate.methods.method import Method, Model, Number
+from replicate.methods.method import Method, Metric, Model
 from replicate.methods.plan import Plan, reference
 from replicate.methods.training_stage import LOG
 
@@ -29,17 +29,17 @@ ERRORS, POSE, NUMBERS = "errors.npz", "pose.npy", "numbers.json"
 
 
 @dataclass(frozen=True)
-class MeasurementNumbers:
+class MeasurementSettings:
     """Which method is measured, how its predictor is read, and on how many test poses (0: all).
 
     load, facts, multiplications: "module:function", or "".
-    numbers: what `load` needs beside the artefacts.
+    settings: what `load` needs beside the artefacts.
     """
 
     method: str
     load: str
     facts: str
-    numbers: object
+    settings: object
     oracle: bool
     rigid_step: bool
     test_poses: int
@@ -48,15 +48,15 @@ class MeasurementNumbers:
     multiplications: str = ""
 
 
-def numbers_of(method: Method, config: Config) -> MeasurementNumbers:
+def measurement_settings(method: Method, config: Config) -> MeasurementSettings:
     """Return how a method is read and measured under a configuration."""
     read = reading(method, config)
     facts, multiplications = (reference(f) if f else "" for f in (method.facts, read.multiplications))
-    return MeasurementNumbers(
+    return MeasurementSettings(
         method.name,
         reference(read.load),
         facts,
-        read.numbers,
+        read.settings,
         method.oracle,
         method.rigid_step,
         method.poses(config),
@@ -68,7 +68,7 @@ def numbers_of(method: Method, config: Config) -> MeasurementNumbers:
 
 def stage(plan: Plan, method: Method) -> Stage:
     """Return the stage that measures a method; the method's artefacts are among its inputs."""
-    settings = numbers_of(method, plan.config)
+    settings = measurement_settings(method, plan.config)
     read = reading(method, plan.config)
     shared = (
         artefacts.rig_stage(plan),
@@ -81,7 +81,7 @@ def stage(plan: Plan, method: Method) -> Stage:
     return plan.stage(f"{PREFIX}{method.name}", ", ".join(filter(None, called)), settings, *inputs.values())
 
 
-def predictor(settings: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callable:
+def predictor(settings: MeasurementSettings, inputs: Mapping[str, Path]) -> Callable:
     """Return (parameters (b, m), truth (b, n, 3)) → vertices (b, n, 3) mm of one method, rigid segments placed.
 
     Only an oracle gets the truth. The function raises RunError if the method predicts anything but real, finite
@@ -89,7 +89,7 @@ def predictor(settings: MeasurementNumbers, inputs: Mapping[str, Path]) -> Calla
     """
     from replicate.approximation.rigid import attach
 
-    predict = stage_function(settings.load)(inputs, settings.numbers)
+    predict = stage_function(settings.load)(inputs, settings.settings)
     mesh, attachments = artefacts.load_mesh(inputs), artefacts.load_attachments(inputs)
 
     def vertices(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ def measure(context: StageContext) -> None:
     np.save(context.out / POSE, predict(samples.test_params[row : row + 1], truth)[0].astype(np.float32))
     metrics = [*stage_function(settings.facts)(inputs, mesh)] if settings.facts else []
     if settings.multiplications:
-        count = stage_function(settings.multiplications)(inputs, settings.numbers)
+        count = stage_function(settings.multiplications)(inputs, settings.settings)
         metrics.append(("multiplications", "count", count))
     artefact = inputs.get(settings.method)
     if artefact and (size := read_manifest(artefact)["notes"].get("size_mb")) is not None:
@@ -170,7 +170,7 @@ def load_pose(folder: Path) -> Float32[np.ndarray, "n 3"]:
     return np.load(folder / POSE, allow_pickle=False)
 
 
-def load_numbers(folder: Path) -> list[Number]:
+def load_metrics(folder: Path) -> list[Metric]:
     """Return the method's other metrics: name, unit, value."""
     return [tuple(entry) for entry in json.loads((folder / NUMBERS).read_text(encoding="utf-8"))]
 
@@ -196,15 +196,15 @@ class ModelSettings:
 class Reading:
     """The functions that a method is read with; they stand at the top of modules, where other processes find them.
 
-    load: (inputs, numbers) → predict, as in `Method`.
-    multiplications: (inputs, numbers) → how many a pose needs; None if they are not counted.
-    numbers: what both need beside the artefacts.
+    load: (inputs, settings) → predict, as in `Method`.
+    multiplications: (inputs, settings) → how many a pose needs; None if they are not counted.
+    settings: what both need beside the artefacts.
     sources: the functions whose code decides what is predicted.
     """
 
     load: Callable[[Mapping[str, Path], Any], Callable]
     multiplications: Callable[[Mapping[str, Path], Any], int] | None
-    numbers: object
+    settings: object
     sources: tuple[Callable, ...]
 
 
@@ -213,7 +213,7 @@ def reading(method: Method, config: Config) -> Reading:
     if method.model is not None:
         return Reading(load, multiplications, ModelSettings(reference(method.model)), (load, method.model))
     assert method.load is not None, "a method has one of the two"
-    return Reading(method.load, method.multiplications, method.numbers(config), (method.load,))
+    return Reading(method.load, method.multiplications, method.settings(config), (method.load,))
 
 
 def load(inputs: Mapping[str, Path], settings: ModelSettings) -> Callable:

@@ -15,7 +15,7 @@ from replicate.geometry.mesh import Mesh
 from replicate.methods.plan import Plan
 
 OTHER_COLOUR = "#7B4EA3"
-Number = tuple[str, str, float]  # metric, unit (one of report.results.UNITS), value
+Metric = tuple[str, str, float]  # metric, unit (one of report.results.UNITS), value
 
 
 @runtime_checkable
@@ -30,7 +30,7 @@ class Model(Protocol):
         ...
 
 
-def no_numbers(config: Config) -> None:
+def no_settings(config: Config) -> None:
     """Return None: the method needs only its artefacts."""
     return None
 
@@ -48,7 +48,7 @@ class Method:
     label: as in tables and figures.
     stages: plan → the stages whose artefacts `model` or `load` reads. If one of them has the method's name, its note
         `size_mb` is the method's size, and its log.csv the training curve.
-    load: (inputs, numbers) → predict, for a method without `model`. inputs has the folder of each artefact by stage
+    load: (inputs, settings) → predict, for a method without `model`. inputs has the folder of each artefact by stage
         name: those of `stages`, "rig", "samples" and "rigid". predict is parameters (b, m) → vertices (b, n, 3), mm; an
         oracle's predict also gets the true vertices (b, n, 3).
     place: rows are sorted by it, those of the paper first.
@@ -63,12 +63,12 @@ class Method:
     standard: whether tables have the row unless METHODS asks for others.
     floor_of: the method that it is the floor of, if any.
     needs_derivatives: whether its stages differentiate the rig, which needs more than samples.
-    numbers: configuration → what `load` needs beside the artefacts, a frozen dataclass.
+    settings: configuration → what `load` needs beside the artefacts, a frozen dataclass.
     poses: configuration → on how many test poses it is measured, 0 for all.
     facts: (inputs, mesh) → more metrics for Table 2.
-    multiplications: (inputs, numbers) → how many a pose needs, for a method with `load`, counted as in
+    multiplications: (inputs, settings) → how many a pose needs, for a method with `load`, counted as in
         `baselines.multiplications`; None if that makes no sense, as for the truth seen through maps.
-    own: profile → the method's section of the configuration, a `Checked` dataclass; `[name]` in a CONFIG file.
+    default_section: profile → the method's section of the configuration, a `Checked` dataclass; `[name]` in CONFIG.
     model: inputs → the model that predicts offsets; predictions and multiplications follow from it.
 
     Raises ValueError for a method with neither `model` nor `load`, with both, or with `multiplications` beside a model.
@@ -90,11 +90,11 @@ class Method:
     standard: bool = True
     floor_of: str = ""
     needs_derivatives: bool = False
-    numbers: Callable[[Config], object] = no_numbers
+    settings: Callable[[Config], object] = no_settings
     poses: Callable[[Config], int] = all_test_poses
-    facts: Callable[[Mapping[str, Path], Mesh], list[Number]] | None = None
+    facts: Callable[[Mapping[str, Path], Mesh], list[Metric]] | None = None
     multiplications: Callable[[Mapping[str, Path], Any], int] | None = None
-    own: Callable[[str], Checked] | None = None
+    default_section: Callable[[str], Checked] | None = None
     model: Callable[[Mapping[str, Path]], Model] | None = None
 
     def __post_init__(self):
@@ -109,9 +109,9 @@ class Method:
 
         Raises ValueError for a method that has no section.
         """
-        if self.own is None:
-            raise ValueError(f"method {self.name!r} has no section: give it `own`")
-        return getattr(config, self.name, None) or self.own(config.profile)
+        if self.default_section is None:
+            raise ValueError(f"method {self.name!r} has no section: give it `default_section`")
+        return getattr(config, self.name, None) or self.default_section(config.profile)
 
     @property
     def title(self) -> str:

@@ -35,7 +35,7 @@ def methods(config: Config | None = None) -> dict[str, Method]:
 
 def sections(profile: str) -> dict[str, Checked]:
     """Return the methods' sections of the configuration, by the methods' names."""
-    return {name: method.own(profile) for name, method in methods().items() if method.own}
+    return {name: method.default_section(profile) for name, method in methods().items() if method.default_section}
 
 
 def method_named(name: str) -> Method:
@@ -45,7 +45,7 @@ def method_named(name: str) -> Method:
     for module in _suite_modules():
         if hasattr(module, "method_named") and (method := module.method_named(name)):
             return method
-    return Method(name, name, lambda plan: (), lambda inputs, numbers: lambda params: None)
+    return Method(name, name, lambda plan: (), lambda inputs, settings: lambda params: None)
 
 
 def in_order(names: Iterable[str]) -> list[str]:

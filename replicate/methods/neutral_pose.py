@@ -9,13 +9,13 @@ from replicate.methods import artefacts
 from replicate.methods.method import Method
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+def load(inputs: Mapping[str, Path], settings: None) -> Callable:
     """Return parameters (b, m) → the neutral vertices (b, n, 3)."""
     neutral = artefacts.load_mesh(inputs).neutral
     return lambda params: np.broadcast_to(neutral, (len(params), *neutral.shape))
 
 
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+def multiplications(inputs: Mapping[str, Path], settings: None) -> int:
     """Return 0: nothing is computed."""
     return 0
 

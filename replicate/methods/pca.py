@@ -45,7 +45,7 @@ class PcaConfig(Checked):
     training: TrainingConfig = TRAINING
 
 
-def own(profile: str) -> PcaConfig:
+def default_section(profile: str) -> PcaConfig:
     """Return the method's section of the configuration."""
     if profile not in STEPS:
         return PcaConfig()
@@ -209,5 +209,5 @@ METHOD = Method(
     note="A dense network to the coefficients of a PCA basis of the training offsets, as studios ship it.",
     colour="#8C564B",
     standard=False,
-    own=own,
+    default_section=default_section,
 )

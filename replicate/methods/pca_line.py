@@ -34,9 +34,9 @@ class PcaLineConfig(PcaConfig):
     strengths: tuple[float, ...] = number(LinearConfig().strengths, 0.0, 1e6)
 
 
-def own(profile: str) -> PcaLineConfig:
+def default_section(profile: str) -> PcaLineConfig:
     """Return the method's section of the configuration: that of `pca`, and the strengths."""
-    section = pca.own(profile)
+    section = pca.default_section(profile)
     return PcaLineConfig(**{field.name: getattr(section, field.name) for field in fields(section)})
 
 
@@ -113,5 +113,5 @@ METHOD = Method(
     colour="#C49C94",
     in_figures=False,
     standard=False,
-    own=own,
+    default_section=default_section,
 )

@@ -17,7 +17,7 @@ from replicate.engine.stage import Stage
 
 
 @dataclass(frozen=True)
-class Numbers:
+class StageSettings:
     """What a stage depends on: a section of the configuration, and the seed it draws from."""
 
     section: Any
@@ -25,7 +25,7 @@ class Numbers:
 
 
 @dataclass(frozen=True)
-class TrainingNumbers(Numbers):
+class TrainingSettings(StageSettings):
     """The same for a stage that trains a network on a device."""
 
     device: str
@@ -71,13 +71,13 @@ class Plan:
     def __getitem__(self, name: str) -> Stage:
         return self._stages[name]
 
-    def numbers(self, section: object) -> Numbers:
+    def settings(self, section: object) -> StageSettings:
         """Return a section of the configuration with the plan's seed."""
-        return Numbers(section, self.config.seed)
+        return StageSettings(section, self.config.seed)
 
-    def training(self, section: object) -> TrainingNumbers:
+    def training(self, section: object) -> TrainingSettings:
         """Return a section of the configuration with the plan's seed and device."""
-        return TrainingNumbers(section, self.config.seed, self.config.device)
+        return TrainingSettings(section, self.config.seed, self.config.device)
 
 
 def reference(function: Callable | None) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts, coarse
-from replicate.methods.method import Method, Number
+from replicate.methods.method import Method, Metric
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import write_training
 
@@ -60,7 +60,7 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinemen
     return load_refined(inputs["refined"], coarse.load_model(inputs))
 
 
-def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Metric]:
     """Return how many refinement segments there are, and how many texels each vertex has in all."""
     residual = load_model(inputs).residual
     squares = {

@@ -59,7 +59,7 @@ class RegionalConfig(Checked):
     training: TrainingConfig = TRAINING
 
 
-def own(profile: str) -> RegionalConfig:
+def default_section(profile: str) -> RegionalConfig:
     """Return the method's section of the configuration."""
     return RegionalConfig(training=replace(TRAINING, steps=STEPS[profile]))
 
@@ -301,5 +301,5 @@ METHOD = Method(
     mark="★",
     note="Our method: small networks, each beside a straight line, mix stored shapes, region by region.",
     colour="#332288",
-    own=own,
+    default_section=default_section,
 )

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 WEIGHT = 1.0  # of the derivatives in the loss
 
 
-def own(profile: str) -> regional.RegionalConfig:
+def default_section(profile: str) -> regional.RegionalConfig:
     """Return the method's section of the configuration: that of `regional`, with derivatives."""
-    return replace(regional.own(profile), derivatives=WEIGHT)
+    return replace(regional.default_section(profile), derivatives=WEIGHT)
 
 
 def stage(plan: Plan) -> Stage:
@@ -49,6 +49,6 @@ METHOD = variant(
     mark="☆",
     note="Our method, trained on the rig's exact derivatives too, as only a rig that can be differentiated allows.",
     colour="#AA4499",
-    own=own,
+    default_section=default_section,
     needs_derivatives=True,
 )

@@ -48,7 +48,7 @@ def as_released(section: Section, key: str, profile: str, **changes: Any) -> Sec
     )
 
 
-def own_coarse(profile: str) -> CoarseConfig:
+def coarse_section(profile: str) -> CoarseConfig:
     """Return the coarse networks' section."""
     return as_released(CoarseConfig(), "coarse", profile)
 
@@ -58,7 +58,7 @@ def own_refined(profile: str) -> RefinementConfig:
     return as_released(RefinementConfig(), "refinement", profile)
 
 
-def own_dense(profile: str) -> DenseConfig:
+def dense_section(profile: str) -> DenseConfig:
     """Return the section of the dense networks of the released code's widths."""
     return as_released(DenseConfig(), "dense", profile, hidden=(256, 512))
 
@@ -127,7 +127,12 @@ def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
 
 
 def _released(
-    method: Method, name: str, place: float, own: Callable, model: Callable, *stages: Callable[[Plan], Stage]
+    method: Method,
+    name: str,
+    place: float,
+    default_section: Callable,
+    model: Callable,
+    *stages: Callable[[Plan], Stage],
 ) -> Method:
     return variant(
         method,
@@ -136,15 +141,15 @@ def _released(
         place,
         stages=lambda plan: tuple(stage(plan) for stage in stages),
         model=model,
-        own=own,
+        default_section=default_section,
         note=NOTE,
         mark="¤",
     )
 
 
 METHODS = (
-    _released(coarse.METHOD, COARSE, 61, own_coarse, load_coarse_model, coarse_stage),
+    _released(coarse.METHOD, COARSE, 61, coarse_section, load_coarse_model, coarse_stage),
     _released(refined.METHOD, REFINED, 62, own_refined, load_refined_model, coarse_stage, refined_stage),
-    _released(dense_network.METHOD, DENSE, 63, own_dense, load_dense_model, dense_stage),
+    _released(dense_network.METHOD, DENSE, 63, dense_section, load_dense_model, dense_stage),
     _released(dense_network.METHOD, NARROW, 64, own_narrow, load_narrow_model, narrow_stage),
 )

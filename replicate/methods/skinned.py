@@ -11,7 +11,7 @@ from replicate.config import Config, LbsConfig
 from replicate.engine.stage import Stage, StageContext, stream_rng
 from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts
-from replicate.methods.method import Method, Number
+from replicate.methods.method import Method, Metric
 from replicate.methods.plan import Plan
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def load(inputs: Mapping[str, Path], settings: RefitSettings) -> Callable:
     return lambda params, truth: skin.deform(*refit(skin, truth, settings.sweeps, settings.settled))
 
 
-def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Metric]:
     """Return the skin's size: a weight and a bone's index, 32 bits each, for every influence of every vertex."""
     (bones,) = {int(name.removeprefix("lbs")) for name in inputs if re.fullmatch(r"lbs\d+", name)}
     return [("model_size", "MB", 8 * load_skin(inputs, bones).weights.size / 1e6)]
@@ -126,7 +126,7 @@ def method(bones: int) -> Method:
         note=NOTE,
         mark="†",
         colour=GREYS.get(bones, GREYS[24]),
-        numbers=partial(_refit_settings, bones=bones),
+        settings=partial(_refit_settings, bones=bones),
         facts=facts,
         multiplications=multiplications,
     )

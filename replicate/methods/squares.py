@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods.linear import fit_features, load_fits, own, with_constant
+from replicate.methods.linear import default_section, fit_features, load_fits, with_constant
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def stage(plan: Plan) -> Stage:
     """Return the stage that fits the weights."""
-    return plan.stage("squares", fit, plan.numbers(METHOD.section(plan.config)), *inputs_of_networks(plan))
+    return plan.stage("squares", fit, plan.settings(METHOD.section(plan.config)), *inputs_of_networks(plan))
 
 
 def fit(context: StageContext) -> None:
@@ -53,5 +53,5 @@ METHOD = Method(
     colour="#009E73",
     in_figures=False,
     standard=False,
-    own=own,
+    default_section=default_section,
 )

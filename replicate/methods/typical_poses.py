@@ -14,7 +14,7 @@ from jaxtyping import Float32
 
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, measurement
-from replicate.methods.measurement import MeasurementNumbers, measured_poses, predictor, reading
+from replicate.methods.measurement import MeasurementSettings, measured_poses, predictor, reading
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
 
@@ -93,7 +93,7 @@ def take(context: StageContext) -> None:
 
 def predict(context: StageContext) -> None:
     """Predict the median and the worst test pose with one method."""
-    settings: MeasurementNumbers = context.config
+    settings: MeasurementSettings = context.config
     mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     rows = [load_chosen(context.inputs)[1][choice] for choice in CHOICES]
     truth = mesh.neutral + np.asarray(samples.test_offsets[rows], np.float32)

@@ -13,8 +13,8 @@ from replicate.base.paths import display_path, run_folder, with_home
 from replicate.base.schema import naming
 from replicate.base.user_files import shown_path
 from replicate.capture import landmark_rig
-from replicate.capture.capture_config import CaptureConfig, CaptureNumbers
-from replicate.capture.capture_config import own as capture_section
+from replicate.capture.capture_config import CaptureConfig, CaptureSettings
+from replicate.capture.capture_config import default_section as capture_section
 from replicate.capture.landmark_file import read_landmarks
 from replicate.cli.options import configurations
 from replicate.cli.running import make
@@ -35,7 +35,9 @@ def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = 
     """
     method = refined.METHOD
     trained = landmark_rig.ik_stage_of(plan, method)
-    settings = CaptureNumbers(plan.character, section(plan.config), measurement.numbers_of(method, plan.config))
+    settings = CaptureSettings(
+        plan.character, section(plan.config), measurement.measurement_settings(method, plan.config)
+    )
     shared = (artefacts.rig_stage(plan), artefacts.rigid_stage(plan), landmark_rig.stage(plan))
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan), trained)}
     functions = ", ".join(map(reference, (drive, *reading(method, plan.config).sources)))

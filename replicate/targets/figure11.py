@@ -24,7 +24,7 @@ from replicate.inverse import ik_stage
 from replicate.inverse.configurations import configurations
 from replicate.inverse.control_points import control_points
 from replicate.methods import artefacts, measurement
-from replicate.methods.measurement import MeasurementNumbers, predictor
+from replicate.methods.measurement import MeasurementSettings, predictor
 from replicate.methods.method import Method
 from replicate.methods.method_registry import choose, method_named
 from replicate.methods.plan import Plan
@@ -43,7 +43,9 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stages of one character's figure, those of the methods, the slow ones, first."""
     shown = choose(SHOWN, plan.config)
     trained = ik_stage.stage(plan, shown[0])
-    settings = PosedPicture(plan.character, tuple(measurement.numbers_of(method, plan.config) for method in shown))
+    settings = PosedPicture(
+        plan.character, tuple(measurement.measurement_settings(method, plan.config) for method in shown)
+    )
     slow = [stage for method in shown for stage in method.stages(plan)]
     inputs = (*trained.inputs, artefacts.rigid_stage(plan), *slow, trained)
     return [*slow, trained, posing_stage(plan, "figure11", draw, settings, shown, inputs)]
@@ -68,7 +70,7 @@ class PosedPicture:
     """The character, and the methods shown beside the rig; the IK networks are trained through the first of them."""
 
     character: str
-    methods: tuple[MeasurementNumbers, ...]
+    methods: tuple[MeasurementSettings, ...]
 
 
 # Figure 11: a few configurations of control points, and the faces that they lead to: of the rig, and as predicted.

@@ -14,7 +14,7 @@ from replicate.baselines.low_rank_dense import choose_ranks, output_components
 from replicate.config import DenseConfig, TrainingConfig
 from replicate.methods import artefacts, dense_compact, dense_network, dense_small
 from replicate.methods.dense_small import RefinedShapes, refined_size_mb
-from replicate.methods.plan import TrainingNumbers
+from replicate.methods.plan import TrainingSettings
 
 TRAINING = TrainingConfig("one_cycle", 600, peak_rate=5e-3)
 WIDE = DenseConfig((32, 64), training=TRAINING)
@@ -58,8 +58,8 @@ def test_the_last_layer_is_as_wide_as_the_refined_models_size_allows(inputs):
 
 
 def test_narrow_networks_are_trained_as_dense_ones_and_are_no_larger_than_the_refined_model(inputs, tmp_path):
-    numbers = dense_small.SmallSettings(WIDE, 0, "cpu", shape(32))
-    inputs, notes = run_stage(dense_small.train, inputs, "dense_small", numbers, tmp_path)
+    settings = dense_small.SmallSettings(WIDE, 0, "cpu", shape(32))
+    inputs, notes = run_stage(dense_small.train, inputs, "dense_small", settings, tmp_path)
     room = refined_size_mb(inputs, shape(32))
     assert 0.9 * room < notes["size_mb"] <= room
     assert notes["hidden"] == list(dense_small.narrow_widths(inputs, (32, 64), shape(32)))
@@ -104,13 +104,13 @@ def test_ranks_fill_the_room_by_variance_and_want_room_for_the_first_layers():
 
 @pytest.fixture
 def trained(inputs, tmp_path):
-    return run_stage(dense_network.train, inputs, "dense", TrainingNumbers(WIDE, 0, "cpu"), tmp_path)
+    return run_stage(dense_network.train, inputs, "dense", TrainingSettings(WIDE, 0, "cpu"), tmp_path)
 
 
 def compacted(trained, shapes, folder):
     inputs, _ = trained
-    numbers = dense_compact.CompactSettings(dense_compact.own("quick"), shapes)
-    return run_stage(dense_compact.make, inputs, "dense_compact", numbers, folder)
+    settings = dense_compact.CompactSettings(dense_compact.default_section("quick"), shapes)
+    return run_stage(dense_compact.make, inputs, "dense_compact", settings, folder)
 
 
 def test_with_room_enough_the_compacted_networks_give_what_the_trained_ones_give(trained, tmp_path):

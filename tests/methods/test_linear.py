@@ -6,12 +6,12 @@ from small_artefacts import predicted, run_stage, straight_samples, write_artefa
 from small_face import small_mesh
 
 from replicate.methods import artefacts, linear
-from replicate.methods.plan import Numbers
+from replicate.methods.plan import StageSettings
 
 
 def fit_linear(folder, samples=None):
     inputs = write_artefacts(folder, samples)
-    return run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
+    return run_stage(linear.fit, inputs, "linear", StageSettings(linear.default_section("quick"), 0), folder)
 
 
 def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
@@ -21,7 +21,9 @@ def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
     moved = mesh.segment < 2
     truth = mesh.neutral + samples.test_offsets
     assert np.abs(vertices - truth)[:, moved].max() < 2e-3
-    assert notes["strength"] == min(linear.own("quick").strengths), "no penalty is needed where there is no noise"
+    assert notes["strength"] == min(linear.default_section("quick").strengths), (
+        "no penalty is needed where there is no noise"
+    )
 
 
 def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
@@ -31,7 +33,7 @@ def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
     loss = np.square(vertices - mesh.neutral - samples.validation_offsets)
     still = np.square(samples.validation_offsets)
     assert 0 < loss[:, mesh.segment < 2].sum() < 0.2 * still[:, mesh.segment < 2].sum()
-    assert notes["strength"] in linear.own("quick").strengths
+    assert notes["strength"] in linear.default_section("quick").strengths
     segments = artefacts.load_coarse_segments(inputs, mesh)
     weights = sum(3 * len(s.vertices) * (len(s.parameters) + 1) for s in segments)
     assert notes["size_mb"] == pytest.approx(4e-6 * weights)

@@ -57,7 +57,7 @@ def test_rigid_segments_are_placed_by_their_attachments_where_the_method_wants_i
     assert rigid.any()
     np.testing.assert_array_equal(attached[:, ~rigid], plain[:, ~rigid])
     np.testing.assert_allclose(attached[:, rigid], plain[:, rigid], atol=1e-3)  # all moves as one
-    seeing = replace(BLIND, load=reference(toy_methods.seeing), oracle=True, rigid_step=True, numbers=0.0)
+    seeing = replace(BLIND, load=reference(toy_methods.seeing), oracle=True, rigid_step=True, settings=0.0)
     torn = truth.copy()
     torn[:, rigid] += 50
     np.testing.assert_allclose(predictor(seeing, inputs)(params, torn), truth, atol=1e-3)
@@ -66,14 +66,14 @@ def test_rigid_segments_are_placed_by_their_attachments_where_the_method_wants_i
 @pytest.mark.parametrize("answer", toy_methods.ANSWERS)
 @pytest.mark.parametrize("rigid_step", [False, True])
 def test_a_prediction_is_real_finite_and_of_the_meshs_shape_or_its_method_is_named(inputs, answer, rigid_step):
-    numbers = replace(BLIND, load=reference(toy_methods.mistaken), numbers=answer, rigid_step=rigid_step)
+    settings = replace(BLIND, load=reference(toy_methods.mistaken), settings=answer, rigid_step=rigid_step)
     params, truth = np.zeros((2, 12), np.float32), np.zeros((2, 0, 3), np.float32)
     if answer in toy_methods.GOOD:
-        assert predictor(numbers, inputs)(params, truth).shape == (2, *small_mesh().neutral.shape)
+        assert predictor(settings, inputs)(params, truth).shape == (2, *small_mesh().neutral.shape)
         return
     shape = re.escape(f"(2, {len(small_mesh().neutral)}, 3)")
     with pytest.raises(RunError, match=f"^method toy: expected vertices {shape}, real and finite, got ") as error:
-        predictor(numbers, inputs)(params, truth)
+        predictor(settings, inputs)(params, truth)
     assert len(str(error.value)) < 300 and "\n" not in str(error.value)
 
 
@@ -84,8 +84,8 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     (own / "log.csv").write_text("step,loss,mm,degrees\n100,3.5,1.25,4.5\n")
     inputs["toy"] = own
     work = reference(toy_methods.multiplications)
-    numbers = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5, multiplications=work)
-    folders, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
+    settings = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5, multiplications=work)
+    folders, _ = run_stage(measurement.measure, inputs, "errors_toy", settings, tmp_path)
     folder, samples, mesh = folders["errors_toy"], artefacts.load_samples(inputs), small_mesh()
     assert measurement.error_folders(folders | {"errors_toy-small": folder}) == {"toy": folder}
     errors = measurement.load_errors(folder)
@@ -97,7 +97,7 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     exact = np.linalg.norm(predicted - truth, axis=-1).mean(1)
     assert np.isclose(errors.pose_mm[:, None], exact, rtol=1e-4).any(1).all()
     n = len(mesh.neutral)
-    assert measurement.load_numbers(folder) == [
+    assert measurement.load_metrics(folder) == [
         ("vertices", "count", n),
         ("multiplications", "count", 3 * n),
         ("model_size", "MB", 1.5),

@@ -5,7 +5,7 @@ from small_artefacts import predicted, run_stage, write_artefacts
 
 from replicate.config import TrainingConfig
 from replicate.methods import artefacts, pca
-from replicate.methods.plan import TrainingNumbers
+from replicate.methods.plan import TrainingSettings
 
 SECTION = pca.PcaConfig(components=20, hidden=(32,), training=TrainingConfig("one_cycle", 300, peak_rate=5e-3))
 
@@ -13,7 +13,7 @@ SECTION = pca.PcaConfig(components=20, hidden=(32,), training=TrainingConfig("on
 def test_a_trained_network_is_near_the_truth_and_in_the_span_of_its_components(tmp_path):
     inputs = write_artefacts(tmp_path)
     samples, mesh = artefacts.load_samples(inputs), artefacts.load_mesh(inputs)
-    inputs, notes = run_stage(pca.train, inputs, "pca", TrainingNumbers(SECTION, 0, "cpu"), tmp_path)
+    inputs, notes = run_stage(pca.train, inputs, "pca", TrainingSettings(SECTION, 0, "cpu"), tmp_path)
     moved = np.flatnonzero(mesh.segment < 2)
     vertices = predicted(pca.METHOD, inputs, samples.test_params)
     offsets = (vertices - mesh.neutral)[:, moved].reshape(len(vertices), -1)

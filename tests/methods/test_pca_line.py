@@ -10,7 +10,7 @@ from small_face import small_mesh, small_samples
 from replicate.baselines.line import onto_basis
 from replicate.config import TrainingConfig
 from replicate.methods import artefacts, linear, pca, pca_line
-from replicate.methods.plan import Numbers, TrainingNumbers
+from replicate.methods.plan import StageSettings, TrainingSettings
 
 SCHEDULE = TrainingConfig("one_cycle", 1_000, peak_rate=1e-2)
 SECTION = pca_line.PcaLineConfig(components=20, hidden=(32,), normal_weight=0.0, training=SCHEDULE)
@@ -18,7 +18,7 @@ SECTION = pca_line.PcaLineConfig(components=20, hidden=(32,), normal_weight=0.0,
 
 def fit(folder, section=SECTION, samples=None):
     inputs = write_artefacts(folder, samples)
-    return run_stage(pca_line.train, inputs, "pca_line", TrainingNumbers(section, 0, "cpu"), folder)
+    return run_stage(pca_line.train, inputs, "pca_line", TrainingSettings(section, 0, "cpu"), folder)
 
 
 def mean_mm(inputs, method) -> float:
@@ -53,7 +53,7 @@ def test_a_linear_rig_needs_no_training(tmp_path):
 
 def test_it_is_nearer_than_the_line_and_every_weight_counts(tmp_path):
     inputs, notes = fit(tmp_path, samples=small_samples(small_mesh(), 1_500))
-    inputs, _ = run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), tmp_path)
+    inputs, _ = run_stage(linear.fit, inputs, "linear", StageSettings(linear.default_section("quick"), 0), tmp_path)
     assert mean_mm(inputs, pca_line) < 0.9 * mean_mm(inputs, linear)
     deformable = int((small_mesh().segment < 2).sum())
     weights = 12 * 32 + 32 + 32 * 20 + 20 + 12 * 20
@@ -63,5 +63,5 @@ def test_it_is_nearer_than_the_line_and_every_weight_counts(tmp_path):
 
 def test_its_schedule_and_basis_are_those_of_the_pca_network():
     for profile in ("quick", "laptop", "paper"):
-        beside, alone = pca_line.own(profile), pca.own(profile)
+        beside, alone = pca_line.default_section(profile), pca.default_section(profile)
         assert all(getattr(beside, name) == value for name, value in vars(alone).items())

@@ -37,7 +37,7 @@ def test_what_a_model_adds_to_the_neutral_pose_is_predicted_and_its_own_count_is
     vertices = predicted(method, inputs, np.zeros((3, 12), np.float32))
     np.testing.assert_allclose(vertices, np.broadcast_to(small_mesh().neutral + mean, vertices.shape), atol=1e-5)
     read = reading(method, CONFIG)
-    assert read.multiplications(inputs, read.numbers) == 7
+    assert read.multiplications(inputs, read.settings) == 7
 
 
 @pytest.mark.parametrize("answer", ["self.mean", "self.mean[:1]", "None", "np.zeros((len(params), 1, 3))", "0.0"])
@@ -53,15 +53,15 @@ def test_offsets_that_only_numpy_would_spread_over_the_mesh_are_refused_by_the_m
 
 def test_another_process_finds_the_model_by_what_the_stage_says(inputs):
     inputs, method = inputs
-    numbers = from_json(to_json(measurement.stage(Plan(CONFIG), replace(method, rigid_step=False)).config))
+    settings = from_json(to_json(measurement.stage(Plan(CONFIG), replace(method, rigid_step=False)).config))
     params, truth = np.zeros((2, 12), np.float32), np.zeros((2, 0, 3), np.float32)
-    np.testing.assert_array_equal(predictor(numbers, inputs)(params, truth), predicted(method, inputs, params))
+    np.testing.assert_array_equal(predictor(settings, inputs)(params, truth), predicted(method, inputs, params))
 
 
 def test_functions_of_a_method_without_a_model_are_called_as_they_are():
     read = reading(neutral_pose.METHOD, CONFIG)
     assert (read.load, read.multiplications) == (neutral_pose.load, neutral_pose.multiplications)
-    assert read.numbers is None and read.sources == (neutral_pose.load,)
+    assert read.settings is None and read.sources == (neutral_pose.load,)
 
 
 def stages(plan):

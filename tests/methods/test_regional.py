@@ -11,7 +11,7 @@ from small_face import M, pose_offsets, small_mesh, small_samples
 
 from replicate.base.exceptions import InputError
 from replicate.methods import artefacts, linear, regional, regional_derivatives
-from replicate.methods.plan import Numbers, TrainingNumbers
+from replicate.methods.plan import StageSettings, TrainingSettings
 from replicate.regional import derivatives
 from replicate.regional import model as regional_model
 from replicate.regional.basis import RegionalBasis
@@ -29,9 +29,9 @@ NETWORKS = {
 def trained(tmp_path_factory, request):
     folder = tmp_path_factory.mktemp("regional")
     inputs = write_artefacts(folder, small_samples(small_mesh(), 1_500))
-    inputs, _ = run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
-    numbers = TrainingNumbers(NETWORKS[request.param], 0, "cpu")
-    return run_stage(regional.train, inputs, "regional", numbers, folder)
+    inputs, _ = run_stage(linear.fit, inputs, "linear", StageSettings(linear.default_section("quick"), 0), folder)
+    settings = TrainingSettings(NETWORKS[request.param], 0, "cpu")
+    return run_stage(regional.train, inputs, "regional", settings, folder)
 
 
 def error(inputs, method) -> float:
@@ -127,9 +127,9 @@ def test_trained_on_the_rigs_derivatives_a_model_has_nearly_those_between_sample
     params, directions = (rng.uniform(-0.8, 0.8, (2, 32, M))).astype(np.float32)
     for weight in (0.0, 1.0):
         section = replace(SECTION, derivatives=weight, hidden=(96, 96), components=40)
-        numbers = TrainingNumbers(section, 0, "cpu")
+        settings = TrainingSettings(section, 0, "cpu")
         (tmp_path / str(weight)).mkdir()
-        run, _ = run_stage(regional.train, inputs, "regional", numbers, tmp_path / str(weight))
+        run, _ = run_stage(regional.train, inputs, "regional", settings, tmp_path / str(weight))
         offsets = regional.load_model(run).offsets
         slopes = (offsets(params + 0.01 * directions) - offsets(params - 0.01 * directions)) / 0.02
         moved = small_mesh().segment < 2
@@ -138,19 +138,19 @@ def test_trained_on_the_rigs_derivatives_a_model_has_nearly_those_between_sample
 
 
 def test_the_method_with_derivatives_is_the_other_one_but_for_them():
-    own = regional_derivatives.own("laptop")
-    assert own.derivatives > 0 and replace(own, derivatives=0.0) == regional.own("laptop")
+    own = regional_derivatives.default_section("laptop")
+    assert own.derivatives > 0 and replace(own, derivatives=0.0) == regional.default_section("laptop")
 
 
 def test_a_rig_without_derivatives_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(artefacts, "load_rig", lambda inputs: foreign())
     monkeypatch.setattr(regional, "has_function", lambda rig: False)
     inputs = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 60))
-    numbers = TrainingNumbers(replace(SECTION, derivatives=0.5), 0, "cpu")
+    settings = TrainingSettings(replace(SECTION, derivatives=0.5), 0, "cpu")
     with pytest.raises(
         InputError, match=r"derivatives: expected 0, since box is known by its samples alone, .*, got 0.5"
     ):
-        run_stage(regional.train, inputs, "regional", numbers, tmp_path)
+        run_stage(regional.train, inputs, "regional", settings, tmp_path)
 
 
 def test_a_model_that_is_written_again_reads_the_same(trained, tmp_path):

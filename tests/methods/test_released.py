@@ -11,13 +11,13 @@ from replicate.base.schema import read_table
 from replicate.config import ConditioningConfig, resolve
 from replicate.methods import artefacts, dense_network, released
 from replicate.methods.method_registry import method_named
-from replicate.methods.plan import Plan, TrainingNumbers
+from replicate.methods.plan import Plan, TrainingSettings
 from replicate.report.results import read_log
 
 
 @pytest.mark.parametrize("method", released.METHODS, ids=lambda method: method.name)
 def test_each_row_has_the_released_numbers_and_the_steps_of_the_profile(method):
-    section, usual = method.own("paper"), method.own("laptop").training.steps
+    section, usual = method.default_section("paper"), method.default_section("laptop").training.steps
     assert (section.training.batch, section.training.rates, section.training.shares) == (
         4,
         (1e-3, 1e-4, 1e-5),
@@ -29,7 +29,7 @@ def test_each_row_has_the_released_numbers_and_the_steps_of_the_profile(method):
 
 
 def test_only_the_width_is_read_differently_by_text_and_code():
-    wide, narrow = (method_named(f"dense_released{end}").own("paper") for end in ("", "_narrow"))
+    wide, narrow = (method_named(f"dense_released{end}").default_section("paper") for end in ("", "_narrow"))
     assert (wide.hidden, narrow.hidden) == ((256, 512), (256, 256)) and replace(wide, hidden=narrow.hidden) == narrow
 
 
@@ -43,8 +43,8 @@ def test_the_released_networks_are_not_those_of_the_suite():
 def test_a_dense_network_trains_on_raw_parameters_in_the_units_of_a_rig(tmp_path):
     inputs = write_artefacts(tmp_path)
     table = {"hidden": [16], "training": {"steps": 300}, "conditioning": {"inputs": "raw"}}
-    numbers = TrainingNumbers(read_table(released.own_dense("quick"), table), 0, "cpu")
-    inputs, notes = run_stage(dense_network.train, inputs, "dense_released", numbers, tmp_path)
+    settings = TrainingSettings(read_table(released.dense_section("quick"), table), 0, "cpu")
+    inputs, notes = run_stage(dense_network.train, inputs, "dense_released", settings, tmp_path)
     *_, last = read_log(inputs["dense_released"] / "log.csv")
     samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method_named("dense_released"), inputs, samples.validation_params)

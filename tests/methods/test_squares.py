@@ -6,7 +6,7 @@ from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import M, SmallSamples, exact_samples, small_influence, small_mesh
 
 from replicate.methods import artefacts, linear, squares
-from replicate.methods.plan import Numbers
+from replicate.methods.plan import StageSettings
 
 
 def bent_samples() -> SmallSamples:
@@ -32,14 +32,16 @@ def test_a_rig_of_lines_moduli_and_squares_is_matched_where_a_line_is_far_off(tm
     inputs = write_artefacts(tmp_path, bent_samples())
     for method in (linear, squares):
         name = method.METHOD.name
-        inputs, notes = run_stage(method.fit, inputs, name, Numbers(method.own("quick"), 0), tmp_path)
+        inputs, notes = run_stage(method.fit, inputs, name, StageSettings(method.default_section("quick"), 0), tmp_path)
     assert worst_mm(inputs, squares) < 2e-3 < 0.1 < worst_mm(inputs, linear)
-    assert notes["strength"] == min(squares.own("quick").strengths), "no penalty is needed where there is no noise"
+    assert notes["strength"] == min(squares.default_section("quick").strengths), (
+        "no penalty is needed where there is no noise"
+    )
 
 
 def test_every_weight_of_the_fit_counts_in_its_size(tmp_path):
     inputs, notes = run_stage(
-        squares.fit, write_artefacts(tmp_path), "squares", Numbers(squares.own("quick"), 0), tmp_path
+        squares.fit, write_artefacts(tmp_path), "squares", StageSettings(squares.default_section("quick"), 0), tmp_path
     )
     segments = artefacts.load_coarse_segments(inputs, small_mesh())
     weights = sum(3 * len(s.vertices) * (3 * len(s.parameters) + 1) for s in segments)
@@ -48,7 +50,7 @@ def test_every_weight_of_the_fit_counts_in_its_size(tmp_path):
 
 def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
     section = linear.LinearConfig(strengths=(10.0, 1e-6, 1.0))
-    inputs, notes = run_stage(squares.fit, write_artefacts(tmp_path), "squares", Numbers(section, 0), tmp_path)
+    inputs, notes = run_stage(squares.fit, write_artefacts(tmp_path), "squares", StageSettings(section, 0), tmp_path)
     samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(squares.METHOD, inputs, samples.validation_params)
     loss = np.square(vertices - mesh.neutral - samples.validation_offsets)

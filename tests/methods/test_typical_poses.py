@@ -22,8 +22,8 @@ def inputs(tmp_path):
 
 def ranked(inputs, tmp_path, test_poses=0):
     """Return the inputs with the errors of a toy method and the poses that they choose."""
-    numbers = replace(BLIND, test_poses=test_poses)
-    inputs, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
+    settings = replace(BLIND, test_poses=test_poses)
+    inputs, _ = run_stage(measurement.measure, inputs, "errors_toy", settings, tmp_path)
     return run_stage(typical_poses.rank, inputs, "ranked", RankingSettings("toy", test_poses, 0), tmp_path)[0]
 
 

@@ -10,7 +10,7 @@ from small_face import small_mesh, small_samples
 from replicate.config import CoarseConfig, DenseConfig, RefinementConfig, TrainingConfig
 from replicate.methods import artefacts, linear, with_line
 from replicate.methods.method_registry import method_named
-from replicate.methods.plan import Numbers, TrainingNumbers
+from replicate.methods.plan import StageSettings, TrainingSettings
 from replicate.report.results import read_log
 
 SCHEDULE = TrainingConfig("one_cycle", 400, peak_rate=5e-3)
@@ -19,7 +19,7 @@ COARSE = CoarseConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)  # what
 
 def fit(folder, samples=None):
     inputs = write_artefacts(folder, samples or small_samples(small_mesh(), 1_500))
-    return run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
+    return run_stage(linear.fit, inputs, "linear", StageSettings(linear.default_section("quick"), 0), folder)
 
 
 def errors(inputs, name: str) -> float:
@@ -31,7 +31,7 @@ def errors(inputs, name: str) -> float:
 def test_a_linear_rig_leaves_the_networks_nothing_to_learn(tmp_path):
     inputs, _ = fit(tmp_path, straight_samples())
     section = replace(COARSE, training=replace(SCHEDULE, steps=1))
-    inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingNumbers(section, 0, "cpu"), tmp_path)
+    inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingSettings(section, 0, "cpu"), tmp_path)
     assert errors(inputs, "coarse_line") < 2e-3
 
 
@@ -44,7 +44,7 @@ def test_a_linear_rig_leaves_the_networks_nothing_to_learn(tmp_path):
 )
 def test_a_network_beside_the_line_is_nearer_than_the_line_alone_and_both_count(tmp_path, name, train, section):
     inputs, line = fit(tmp_path)
-    inputs, notes = run_stage(train, inputs, name, TrainingNumbers(section, 0, "cpu"), tmp_path)
+    inputs, notes = run_stage(train, inputs, name, TrainingSettings(section, 0, "cpu"), tmp_path)
     assert errors(inputs, name) < errors(inputs, "linear")
     assert notes["size_mb"] > line["size_mb"]
     *_, last = read_log(inputs[name] / "log.csv")
@@ -60,12 +60,14 @@ def test_refinement_adds_to_the_coarse_networks_beside_the_line(tmp_path):
     from replicate.methods import artefacts
 
     inputs, _ = fit(tmp_path)
-    inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingNumbers(COARSE, 0, "cpu"), tmp_path)
+    inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingSettings(COARSE, 0, "cpu"), tmp_path)
     first = artefacts.load_coarse_segments(inputs, small_mesh())[0]
     squares = square_segments(first, np.array([[0.3, 0.7]]), artefacts.load_influence(inputs), 0.4)
     inputs["selection"] = tmp_path / "selection"
     inputs["selection"].mkdir()
     save_segments(squares, inputs["selection"] / artefacts.SQUARES)
     section = RefinementConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)
-    inputs, _ = run_stage(with_line.train_refined, inputs, "refined_line", TrainingNumbers(section, 0, "cpu"), tmp_path)
+    inputs, _ = run_stage(
+        with_line.train_refined, inputs, "refined_line", TrainingSettings(section, 0, "cpu"), tmp_path
+    )
     assert errors(inputs, "refined_line") < errors(inputs, "coarse_line")

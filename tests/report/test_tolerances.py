@@ -28,7 +28,7 @@ STANDARD = (
 TIMED = ("coarse", "refined", "dense", "regional", "linear")
 MEANS = ("vertex_error_mean", "normal_error_mean")
 
-Numbers = dict[tuple[str, str], float]  # of one table and character, by method and metric
+StageSettings = dict[tuple[str, str], float]  # of one table and character, by method and metric
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def committed_rows(table: str) -> list[Row]:
 
 
 @cache
-def committed(table: str, character: str) -> Numbers:
+def committed(table: str, character: str) -> StageSettings:
     """Return the committed numbers of a table; of its segments those of the attachment alone, which has a band."""
     rows = (row for row in committed_rows(table) if row.character == character)
     return {row.key[2:]: row.value for row in rows if row.table == table or row.method == "attachment"}
@@ -68,7 +68,7 @@ def committed_seeds() -> dict[int, list[Row]]:
 
 
 @cache
-def seeds_of(character: str) -> dict[int, Numbers]:
+def seeds_of(character: str) -> dict[int, StageSettings]:
     """Return Table 2's committed numbers of every seed by itself."""
     seeds = committed_seeds()
     numbers = {
@@ -82,7 +82,7 @@ def target_of(table: str, character: str) -> str:
     return facts.get("targets", {}).get(character, f"{facts['target']} CHARACTERS={character}")
 
 
-def with_ratios(numbers: Numbers) -> Numbers:
+def with_ratios(numbers: StageSettings) -> StageSettings:
     """Return Table 3's numbers with what is judged of its times: speed-ups, and each evaluation over the best."""
     found = dict(numbers)
     for place in PLACES:
@@ -98,7 +98,7 @@ def with_ratios(numbers: Numbers) -> Numbers:
     return found
 
 
-def judged(table: str, numbers: Numbers) -> Numbers:
+def judged(table: str, numbers: StageSettings) -> StageSettings:
     return with_ratios(numbers) if table == "table3" else numbers
 
 
@@ -137,7 +137,7 @@ def bands_of(table: str, character: str) -> list[Band]:
     return [*_levels(table, character), *_ratios(table, character)]
 
 
-def red(table: str, character: str, numbers: Numbers, partly: bool = False) -> dict[Band, str]:
+def red(table: str, character: str, numbers: StageSettings, partly: bool = False) -> dict[Band, str]:
     """Return the bands that some numbers leave, with a sentence on each. partly: some may be absent."""
     present, found = judged(table, numbers), {}
     for band in bands_of(table, character):
@@ -160,7 +160,7 @@ def methods_in(bands: Collection[Band]) -> set[str]:
     return {key[0] for band in bands for key in (band.key, band.over) if key}
 
 
-def segments_that_disagree(numbers: Numbers) -> list[tuple[str, str]]:
+def segments_that_disagree(numbers: StageSettings) -> list[tuple[str, str]]:
     """Return Table 2's numbers whose segments contradict them: the worst is one's, the mean lies between theirs."""
     parts: dict[tuple[str, str], list[float]] = {}
     for (method, metric), value in numbers.items():
@@ -211,14 +211,16 @@ def benchmark_rows() -> list[Row]:
 
 
 @cache
-def faulty_rows(fault: str) -> Numbers:
+def faulty_rows(fault: str) -> StageSettings:
     """Return the teen's numbers under a fault of `make bench-faults`, "sound" for none."""
     found = {row.key[2:]: row.value for row in benchmark_rows() if row.table.endswith(f"@{fault}")}
     assert found, f"bench_faults.csv has no fault {fault!r}"
     return found
 
 
-def changed(numbers: Numbers, change: Callable[[float], float], method: str = ".*", metric: str = ".*") -> Numbers:
+def changed(
+    numbers: StageSettings, change: Callable[[float], float], method: str = ".*", metric: str = ".*"
+) -> StageSettings:
     """Return a copy of some numbers with a change to those of some methods and metrics."""
     return {
         key: change(value) if re.fullmatch(method, key[0]) and re.fullmatch(metric, key[1]) else value
@@ -226,7 +228,7 @@ def changed(numbers: Numbers, change: Callable[[float], float], method: str = ".
     }
 
 
-def swapped(numbers: Numbers, one: str, other: str, metric: str = ".*") -> Numbers:
+def swapped(numbers: StageSettings, one: str, other: str, metric: str = ".*") -> StageSettings:
     """Return a copy of some numbers with those of two methods, and of all their evaluations, exchanged."""
     names, found = {one: other, other: one}, dict(numbers)
     for name, what in numbers:

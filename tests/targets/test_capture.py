@@ -16,7 +16,7 @@ from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import write_landmarks
 from replicate.config import resolve
 from replicate.engine.stage import in_order, input_names
-from replicate.inverse.control_points import own as inverse_section
+from replicate.inverse.control_points import default_section as inverse_section
 from replicate.inverse.ik_network import Truth
 from replicate.methods.method_registry import sections
 from replicate.methods.plan import Plan

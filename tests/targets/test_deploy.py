@@ -47,8 +47,8 @@ def inputs(tmp_path_factory):
     cnn.save(MODELS["coarse"], inputs["coarse"], shape)
     regional_model.save(MODELS["regional"], inputs["regional"])
     for method in (coarse.METHOD, regional.METHOD):
-        numbers = measurement.numbers_of(method, resolve("tiny", "quick"))
-        inputs, _ = run_stage(measurement.measure, inputs, f"errors_{method.name}", numbers, folder)
+        settings = measurement.measurement_settings(method, resolve("tiny", "quick"))
+        inputs, _ = run_stage(measurement.measure, inputs, f"errors_{method.name}", settings, folder)
     return inputs
 
 

@@ -134,8 +134,8 @@ def test_other_faces_are_measured_against_their_rigs_where_controls_have_the_sam
     folders = inputs | {f"landmark_rig-{name}": tmp_path / name for name in rigs}
     monkeypatch.setattr("replicate.capture.landmark_rig.load_landmark_rig", lambda own: rigs[own["landmark_rig"].name])
     for name in OTHERS:
-        numbers = moved.OtherSettings("tiny", name, 0, 10, 0)
-        folders, notes = run_stage(moved.move_others, folders, f"onto_{name}", numbers, tmp_path)
+        settings = moved.OtherSettings("tiny", name, 0, 10, 0)
+        folders, notes = run_stage(moved.move_others, folders, f"onto_{name}", settings, tmp_path)
         assert notes["landmarks"] == 12 and notes["scale"] == pytest.approx(rigs[name].size)
     distance = {mean.method: mean.distance_mm for mean in moved.load_other_means(folders["onto_twice"])}
     assert set(distance) == set(WAYS) and distance["deformation_transfer"] < 0.01 < distance["neutral"]

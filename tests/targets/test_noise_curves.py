@@ -8,7 +8,7 @@ from plain_rig import PlainRig
 
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import MM, Recording
-from replicate.inverse.control_points import own as inverse_section
+from replicate.inverse.control_points import default_section as inverse_section
 from replicate.report.results import Row
 from replicate.targets.figure12.rows import (
     METRICS,

@@ -5,7 +5,7 @@ import pytest
 from replicate.base.paths import PAPER
 from replicate.config import resolve
 from replicate.engine.stage import in_order
-from replicate.inverse.control_points import own
+from replicate.inverse.control_points import default_section
 from replicate.methods.method_registry import choose
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, read_results
@@ -73,4 +73,7 @@ def test_what_the_networks_reach_has_a_line_each():
 )
 def test_the_refined_models_networks_feed_all_methods_but_for_toothless(own_gradients, sources, method, expected):
     sources = tuple(Source(name, "") for name in sources)
-    assert feeder(PosingSettings("teen", "quick", 0, own("quick"), (), sources, own_gradients), method) == expected
+    assert (
+        feeder(PosingSettings("teen", "quick", 0, default_section("quick"), (), sources, own_gradients), method)
+        == expected
+    )

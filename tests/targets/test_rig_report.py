@@ -113,8 +113,8 @@ def test_counts_of_components_rise_with_what_is_asked_and_say_when_all_are_too_f
 def test_errors_of_the_fits_are_those_computed_by_hand(tmp_path):
     inputs = write_artefacts(tmp_path)
     section = ReportFitsConfig(samples=150, basis_samples=100, components=8, poses=5)
-    numbers = rig_report_rows.FitSettings(section, 0, 7, 0)
-    inputs, notes = run_stage(rig_report_rows.fit_regressions, inputs, "rig_fits", numbers, tmp_path)
+    settings = rig_report_rows.FitSettings(section, 0, 7, 0)
+    inputs, notes = run_stage(rig_report_rows.fit_regressions, inputs, "rig_fits", settings, tmp_path)
     errors, mesh, samples = rig_report_rows.load_errors(inputs), small_mesh(), small_samples(small_mesh())
     offsets = samples.test_offsets.astype(np.float64)
     assert summary(errors["neutral"].vertex).mean == pytest.approx(np.linalg.norm(offsets, axis=-1).mean(), rel=1e-5)

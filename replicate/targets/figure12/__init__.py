@@ -45,7 +45,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
         section(plan.config),
         ik_stage.section(plan),
         tuple(
-            ThroughMethod(measurement.numbers_of(method, plan.config), reference(method.model))
+            ThroughMethod(measurement.measurement_settings(method, plan.config), reference(method.model))
             for method in through.values()
         ),
     )

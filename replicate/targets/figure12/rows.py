@@ -22,7 +22,7 @@ from replicate.inverse import ik_stage
 from replicate.inverse.control_points import InverseConfig, control_points
 from replicate.inverse.ik_network import Truth, parameter_ranges, read_truth
 from replicate.methods import artefacts
-from replicate.methods.measurement import MeasurementNumbers, predictor
+from replicate.methods.measurement import MeasurementSettings, predictor
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, run_name
 
@@ -33,7 +33,7 @@ from replicate.report.results import Row, run_name
 class ThroughMethod:
     """A method that IK networks are trained through: how it predicts, and "module:function" of its model."""
 
-    measured: MeasurementNumbers
+    measured: MeasurementSettings
     model: str
 
     @property

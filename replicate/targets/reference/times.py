@@ -107,7 +107,7 @@ def _seeds_of_methods(seeds: Mapping[int, Sequence[Row]]) -> dict[str, set[int]]
 
 def _sections_of_others(methods: Collection[str]) -> set[str]:
     """Return the sections of the configuration that belong to a single method other than these."""
-    return {name for name, method in method_registry.methods().items() if method.own} - set(methods)
+    return {name for name, method in method_registry.methods().items() if method.default_section} - set(methods)
 
 
 def _without(facts: object, names: Collection[str]) -> object:

@@ -153,7 +153,7 @@ def pairs_stage(plan: Plan) -> Stage:
     """Return the stage that tries pairs of controls."""
     modules = (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage, artefacts.rigid_stage)
     inputs = (stage(plan) for stage in modules)
-    return plan.stage("rig_pairs", measure_pairs, plan.numbers(plan.config.rig_report.pairs), *inputs)
+    return plan.stage("rig_pairs", measure_pairs, plan.settings(plan.config.rig_report.pairs), *inputs)
 
 
 def measure_pairs(context: StageContext) -> None:
@@ -224,7 +224,7 @@ def maps_stage(plan: Plan) -> Stage:
     """Return the stage that projects test poses onto maps of several sizes."""
     modules = (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage, artefacts.rigid_stage)
     inputs = (stage(plan) for stage in modules)
-    return plan.stage("rig_maps", measure_maps, plan.numbers(plan.config.rig_report.maps), *inputs)
+    return plan.stage("rig_maps", measure_maps, plan.settings(plan.config.rig_report.maps), *inputs)
 
 
 def measure_maps(context: StageContext) -> None:

@@ -60,7 +60,7 @@ def rows_of(settings: TableSettings, inputs: Mapping[str, Path]) -> list[Row]:
         rows += error_rows(settings.character, {method: measurement.load_errors(folder)}, settings.profile, run)
         seconds = training_s(folder)
         training = [("training", "s", seconds)] if seconds is not None else []
-        for metric, unit, value in (*measurement.load_numbers(folder), *training):
+        for metric, unit, value in (*measurement.load_metrics(folder), *training):
             table = "table2_segments" if "[" in metric else "table2"
             seeds = None if metric.startswith("texels") else 1  # texels depend on charts, not on a training
             facts = (method, metric, unit, value, None, seeds, None, settings.profile, run)

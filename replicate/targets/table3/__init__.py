@@ -55,7 +55,7 @@ def timing_stage(rigs: Sequence[tuple[Plan, Sequence[Method]]], measured: str = 
             RigSettings(
                 plan.character,
                 plan.config.profile,
-                tuple(measurement.numbers_of(method, plan.config) for method in timed),
+                tuple(measurement.measurement_settings(method, plan.config) for method in timed),
                 tuple((method.name, reference(method.model)) for method in timed if method.model),
                 TURNS[plan.config.profile],
                 tuple((name, stage.title) for name, stage in needed.items()),

@@ -17,7 +17,7 @@ from replicate.approximation.rigid import attach
 from replicate.engine.stage import stage_function
 from replicate.engine.store import read_manifest
 from replicate.methods import artefacts
-from replicate.methods.measurement import MeasurementNumbers, predictor
+from replicate.methods.measurement import MeasurementSettings, predictor
 from replicate.report.results import Row, find, run_name, write_results
 from replicate.report.tables import round_off
 from replicate.timing.single_poses import (
@@ -55,7 +55,7 @@ class RigSettings:
 
     character: str
     profile: str
-    methods: tuple[MeasurementNumbers, ...]
+    methods: tuple[MeasurementSettings, ...]
     models: tuple[tuple[str, str], ...]
     turns: int
     sources: tuple[tuple[str, str], ...]
@@ -214,7 +214,7 @@ def costs(settings: RigSettings, inputs: Mapping[str, Path]) -> list[tuple[str, 
     found = []
     for entry in settings.methods:
         if entry.multiplications:
-            count = stage_function(entry.multiplications)(inputs, entry.numbers)
+            count = stage_function(entry.multiplications)(inputs, entry.settings)
             found.append((entry.method, "multiplications", "count", count, None))
         folder = inputs.get(entry.method)
         size = read_manifest(folder)["notes"].get("size_mb") if folder else None
@@ -238,7 +238,7 @@ def differences(ways: Mapping[str, Way], poses: np.ndarray) -> list[tuple[str, s
     return found
 
 
-def _without_truth(settings: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+def _without_truth(settings: MeasurementSettings, inputs: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
     predict = predictor(settings, inputs)
     nothing = np.zeros((1, 0, 3), np.float32)
     return lambda params: predict(params, nothing)

@@ -35,7 +35,7 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
         plan.config.profile,
         plan.config.seed,
         ik_stage.section(plan),
-        tuple(measurement.numbers_of(method, plan.config) for method in predicting),
+        tuple(measurement.measurement_settings(method, plan.config) for method in predicting),
         (*sources, Source(ik_stage.RIG, "")),
         STANDS_FOR.get(base) in OWN_GRADIENTS,
     )

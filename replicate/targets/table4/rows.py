@@ -15,7 +15,7 @@ from replicate.inverse.ik_network import parameter_ranges
 from replicate.inverse.posing import Posed, RigPoints, approximation_errors, outside_share, point_errors_mm, pose
 from replicate.inverse.solver import agreement_by_region, jacobians, solve
 from replicate.methods import artefacts
-from replicate.methods.measurement import MeasurementNumbers, predictor
+from replicate.methods.measurement import MeasurementSettings, predictor
 from replicate.report.results import Row, run_name, write_results
 
 # The settings of Table 4's stage.
@@ -44,7 +44,7 @@ class PosingSettings:
     profile: str
     seed: int
     section: InverseConfig
-    methods: tuple[MeasurementNumbers, ...]
+    methods: tuple[MeasurementSettings, ...]
     sources: tuple[Source, ...]
     own_gradients: bool
 
