@@ -3,6 +3,8 @@
 import ast
 import json
 from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from unittest.mock import MagicMock
 
@@ -82,6 +84,19 @@ def test_a_notebook_begins_with_its_title_ends_with_where_results_come_from_and_
         assert "approximation" not in cell["source"] and len(cell["source"].splitlines()) < 15
     ids = [cell["id"] for cell in json.loads(path.read_text())["cells"]]
     assert len(set(ids)) == len(ids) and path.stat().st_size < 1_000_000
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_what_a_notebook_imports_is_there(path):
+    trees = [ast.parse(cell["source"].replace("%matplotlib", "# ")) for cell in cells(path, "code")]
+    imports = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    missing = [
+        f"{node.module}.{alias.name}"
+        for node in imports
+        for alias in node.names
+        if not hasattr(import_module(node.module), alias.name) and not find_spec(f"{node.module}.{alias.name}")
+    ]
+    assert imports and not missing
 
 
 def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
