@@ -70,7 +70,7 @@ endif
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment test test-fast lint mutants clean-all $(TARGETS) $(BENCHMARKS)
+.PHONY: help environment lab test test-fast lint mutants clean-all $(TARGETS) $(BENCHMARKS)
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -112,6 +112,9 @@ $(TARGETS): $(ENVIRONMENT)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(MAKE_PID) $(OPTIONS)
+
+lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
+	@exec $(RUN) -m jupyterlab notebooks
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

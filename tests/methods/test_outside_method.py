@@ -1,4 +1,4 @@
-"""README's example of a method from outside, exactly as it stands there: rows, heatmaps, times, and no other change."""
+"""REPRODUCING's method from outside, exactly as it stands there: rows, heatmaps, times, no other change."""
 
 import os
 import re
@@ -21,7 +21,9 @@ FEW = "[samples]\ncount = 300\nvalidation = 16\n[rigid]\nposes = 20\n[evaluation
 
 @pytest.fixture(scope="module")
 def example():
-    found = re.search(r"<!-- nearest\.py -->\n```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    found = re.search(
+        r"<!-- nearest\.py -->\n```python\n(.*?)```", (ROOT / "REPRODUCING.md").read_text("utf-8"), re.DOTALL
+    )
     return found[1]
 
 

@@ -1,4 +1,4 @@
-"""`make reference`: whole runs from clean trees alone, other characters' benchmarks kept, README's table replaced."""
+"""`make reference`: whole runs from clean trees alone, others' benchmarks kept, tables in texts replaced."""
 
 import json
 import warnings
@@ -59,8 +59,13 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     assert values == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
     assert manifest.targets(reference_folder) == ["table2", "bench_floors"]
     assert notebook_names == ["claims", "rig_tour", "table2"]
-    text = reference.README.read_text()
-    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 4
+    brief = reference.README.read_text()
+    assert (
+        brief.count("\nold\n") == len(TABLES) - 1
+        and "| C1 The refined model beats the coarse one in both errors |" in brief
+    )
+    text = reference.RESULTS.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and text.count("\nold\n") == len(TABLES) - 4
     assert "| Coarse | 0.50 |" in text and "| teen (Hiccup) |" in text
     verdicts = {one.results for one in read_verdicts(reference_folder / "claims.csv")}
     assert verdicts <= {"", "reference"}, "they are of the committed rows, not of the run's"

@@ -12,7 +12,14 @@ from replicate.base import paths
 from replicate.report import notebooks
 from replicate.report.results import Row, over_seeds, write_results, write_seeds
 from replicate.report.tables import as_latex, as_markdown, as_text
-from replicate.targets.claims import claim_chart, claims_table, reasons_table, verdicts_of_table2
+from replicate.targets.claims import (
+    claim_chart,
+    claims_in_brief,
+    claims_table,
+    reasons_table,
+    verdicts_of_table2,
+    write_claims,
+)
 from replicate.targets.claims.rules import Evidence, gather, published
 from replicate.targets.claims.verdicts import CLAIMS, claim_named, judge, judge_all, read_verdicts
 
@@ -50,6 +57,16 @@ def test_the_table_marks_what_qualifies_a_verdict():
     assert claims_table(judge_all(narrow, PAPER), narrow).body[0][1] == "holds ≈"
     assert r"holds $\approx$" in as_latex(claims_table(judge_all(narrow, PAPER), narrow))
     assert "Nothing is tested" in as_text(claims_table(judge_all(Evidence([]), PAPER), Evidence([])))
+
+
+def test_a_claim_in_brief_has_symbols_and_the_size_of_the_effect_here_and_in_the_paper(tmp_path):
+    rows = [*mean_rows(normal={"refined": 0.5}), *mean_rows(normal={"refined": 0.8}, character="toon")]
+    write_claims(tmp_path, Evidence(rows))
+    table = claims_in_brief(tmp_path / "claims.csv")
+    assert table.headers[0] == ("", "teen", "woman", "dragon", "toon", "effect here", "in the paper")
+    lines = {line[0].partition(" ")[0]: line[1:] for line in table.body}
+    assert len(lines) == len(CLAIMS) and lines["C2"] == ("✅", "–", "–", "✅", "0.50–0.80", "0.41–0.79")
+    assert lines["C5"][:4] == ("❌≈", "–", "–", "❌≈") and lines["C1"][-1] == "0.40–0.90"
 
 
 def test_a_column_says_its_profile_where_others_were_trained_otherwise():

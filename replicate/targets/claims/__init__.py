@@ -4,6 +4,7 @@ import argparse
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from replicate.targets.claims.rules import (
     Comparison,
     Evidence,
     MissingNumber,
+    decide,
     folders_of,
     gather,
     published,
@@ -225,6 +227,46 @@ def verdicts_of_table2(name: str) -> Table:
 def overview(file: Path) -> Table:
     """Return the table of a folder's `claims.csv`. Raises InputError for a file that holds no verdicts."""
     return claims_table(read_verdicts(file), gather([file.parent]))
+
+
+SYMBOLS = {HOLDS: "✅", FAILS: "❌", NOT_TESTED: "–"}
+
+
+def claims_in_brief(file: Path) -> Table:
+    """Return a line for each claim: a symbol for each of the paper's stand-ins, and the effect here and in the paper.
+
+    file: a folder's `claims.csv`. The effect is the ratio of the two numbers that decide, from the smallest to the
+    largest of the characters.
+    """
+    verdicts = {(verdict.claim, verdict.character): verdict for verdict in read_verdicts(file)}
+    paper, body = published(), []
+    for claim in CLAIMS:
+        ours = [verdicts[claim.name, character] for character in STANDS_FOR if (claim.name, character) in verdicts]
+        theirs = [comparison.ratio for comparison in _deciding(claim, paper)]
+        here = [verdict.value / verdict.limit for verdict in ours if verdict.value is not None and verdict.limit]
+        symbols = (cell(verdict).replace(verdict.verdict, SYMBOLS[verdict.verdict]) for verdict in ours)
+        cells = [symbol.replace(" ", "").replace("†", "").replace("‡", "≈") for symbol in symbols]
+        body.append((f"{claim.name} {claim.text}", *cells, _range(here), _range(theirs)))
+    notes = (
+        "✅ holds, ❌ fails, ≈ by less than 5 % (of times: 10 %), – not tested. Effect: the two numbers that decide, "
+        "the one that should be smaller over the other; below 1 is what the claim wants.",
+    )
+    header = ("", *STANDS_FOR, "effect here", "in the paper")
+    return Table("The paper's claims on our characters", (header,), tuple(body), notes, text_columns=len(header))
+
+
+def _deciding(claim: Claim, paper: Evidence) -> Iterable[Comparison]:
+    """Return the comparison that decides a claim for each of the paper's characters whose numbers it prints."""
+    for character in STANDS_FOR.values():
+        with suppress(MissingNumber):
+            yield decide(claim.ways(paper, character))[2]
+
+
+def _range(ratios: Sequence[float]) -> str:
+    if not ratios:
+        return "–"
+    ends = [f"{end:.2f}" for end in (min(ratios), max(ratios))]
+    return "–".join(dict.fromkeys(ends))
 
 
 def cell(verdict: Verdict) -> str:

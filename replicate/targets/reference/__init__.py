@@ -20,7 +20,7 @@ from replicate.methods.method_registry import method_named
 from replicate.report import manifest, notebooks
 from replicate.report.results import COLUMNS, Row, read_curves, read_results, write_curves
 from replicate.report.tables import Table, as_markdown
-from replicate.targets.claims import overview, write_claims
+from replicate.targets.claims import claims_in_brief, overview, write_claims
 from replicate.targets.claims.rules import gather
 from replicate.targets.claims.verdicts import FILE as CLAIMS
 from replicate.targets.reference import times as reference_times
@@ -41,8 +41,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 KINDS = (".csv", ".json", ".npz", ".png")
-README, DATA_CARD, REPRODUCING = (
-    paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
+README, RESULTS, DATA_CARD, REPRODUCING = (
+    paths.ROOT / name for name in ("README.md", "RESULTS.md", "data_recipes/README.md", "REPRODUCING.md")
 )
 TABLE2 = reference_times.TARGET
 TRAINED = "teen"  # the character whose training steps REPRODUCING shows
@@ -175,7 +175,7 @@ def _target_of(file: Path, targets: Sequence[str]) -> str:
 
 def shown_pictures() -> list[str]:
     """Return the names of the committed pictures that texts show."""
-    texts = [file.read_text("utf-8") for file in (README, DATA_CARD)]
+    texts = [file.read_text("utf-8") for file in (README, RESULTS, DATA_CARD)]
     return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text)})
 
 
@@ -190,12 +190,13 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
     paper = read_results(paths.PAPER / "table2.csv")
     times = read_results(paths.PAPER / "table3.csv")
     return {
-        "claims": (README, "claims.csv", overview),
-        "table2_ratios": (README, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
-        "table2_others": (README, "table2.csv", lambda file: other_rigs(read_results(file))),
-        "table2": (README, "table2.csv", lambda file: table2_overview(_standard(file), paper)),
-        "table3_speed": (README, "table3.csv", lambda file: speed_table(read_results(file))),
-        "table3": (README, "table3.csv", lambda file: timing_table(read_results(file), times)),
+        "claims_in_brief": (README, "claims.csv", claims_in_brief),
+        "claims": (RESULTS, "claims.csv", overview),
+        "table2_ratios": (RESULTS, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
+        "table2_others": (RESULTS, "table2.csv", lambda file: other_rigs(read_results(file))),
+        "table2": (RESULTS, "table2.csv", lambda file: table2_overview(_standard(file), paper)),
+        "table3_speed": (RESULTS, "table3.csv", lambda file: speed_table(read_results(file))),
+        "table3": (RESULTS, "table3.csv", lambda file: timing_table(read_results(file), times)),
         "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
         "table2_times": (REPRODUCING, manifest.NAME, lambda file: times_card(file.parent)),
         "bench_train": (REPRODUCING, "bench_train.csv", lambda file: steps_table(read_results(file), TRAINED)),
