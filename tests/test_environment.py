@@ -27,7 +27,7 @@ TEXT = {"", ".cff", ".csv", ".ipynb", ".json", ".lock", ".md", ".py", ".toml", "
 
 def locked_versions():
     lines = (ROOT / "requirements.lock").read_text().splitlines()
-    return dict(line.split("==") for line in lines if not line.startswith("#"))
+    return dict(line.partition(";")[0].split("==") for line in lines if not line.startswith("#"))
 
 
 def project():
@@ -38,7 +38,7 @@ def direct():
     """Return what the suite itself asks for: to run, to be developed, and for CLUSTER."""
     lists = [project()["dependencies"], *(project()["optional-dependencies"][extra] for extra in ("cluster", "dev"))]
     assert all(names == sorted(names) for names in lists)
-    return sorted(name for names in lists for name in names)
+    return sorted(name.partition(";")[0] for names in lists for name in names)
 
 
 def text_files():
@@ -86,7 +86,7 @@ def test_every_locked_package_takes_the_oldest_python_that_the_project_takes():
 
 def test_conda_installs_the_locked_versions():
     lines = (ROOT / "environment.yml").read_text().splitlines()
-    pins = dict(line.split("- ")[1].split("==") for line in lines if "==" in line)
+    pins = dict(line.split("- ")[1].partition(";")[0].split("==") for line in lines if "==" in line)
     assert set(pins) == set(direct())
     versions = {package.lower(): version for package, version in locked_versions().items()}
     assert pins == {package: versions[package] for package in direct()}
@@ -95,7 +95,8 @@ def test_conda_installs_the_locked_versions():
 def test_make_looks_for_every_direct_dependency_in_an_active_environment():
     text = (ROOT / "Makefile").read_text().replace("\\\n", " ")
     modules = re.search(r"^MODULES := (.*)$", text, re.MULTILINE).group(1).split()
-    assert set(modules) == {MODULE_NAMES.get(package, package) for package in direct()}
+    needed = set(direct()) - {"embreex"}  # which some machines lack, and do without
+    assert set(modules) == {MODULE_NAMES.get(package, package) for package in needed}
 
 
 def test_package_citation_and_changelog_are_of_one_version():

@@ -9,8 +9,8 @@ from jaxtyping import Float, UInt8
 from data_recipes.rig import Rig
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
-from replicate.drawing.render import render
-from replicate.drawing.scene import PORTRAIT, Camera, Surface, camera_for, frame_surfaces
+from replicate.drawing.render import portrait
+from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
 from replicate.geometry.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ COLOURS = {
     "tongue": (214, 110, 112),
     "mouth": (150, 60, 60),
 }
-BACKGROUND = (231, 235, 238)
+BACKGROUND = (236, 239, 243)
 
 
 def colours_by_segment(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "s 3"]:
@@ -71,7 +71,7 @@ def expression_sheet(
     posed = [surface for params in poses.values() for surface in character_surfaces(rig, params)]
     view = frame_surfaces(view, posed, width / height)  # a stretched head is taller than one at rest
     pictures = [
-        render(character_surfaces(rig, params, view), view, width, height, BACKGROUND, renderer, PORTRAIT)
+        portrait(character_surfaces(rig, params, view), view, width, height, BACKGROUND, renderer)
         for params in poses.values()
     ]
     blank = np.full((height, width, 3), 255, np.uint8)

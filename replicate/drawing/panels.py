@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
 LARGEST_BYTES = 300_000
+FULL_COLOUR = 2_000_000  # the bound of pictures in all their colours, such as portraits
 FLAT_PIXELS = 40  # a colour with so many pixels that it surrounds was chosen, not made by shading
 
 
@@ -80,10 +81,10 @@ def panel_grid(
 def png(
     figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = LARGEST_BYTES, dither: bool = False
 ) -> bytes:
-    """Return a figure as PNG with a palette and its alt text inside, in fewer colours if it would be too large.
+    """Return a figure as PNG with its alt text inside: in full colour where the bound is `FULL_COLOUR`, else a palette.
 
-    The same figure gives the same bytes. dither: mix neighbouring colours, for figures of more hues than a palette has;
-    not for colours that are read off a bar.
+    It has fewer colours where it would be too large. The same figure gives the same bytes. dither: mix neighbouring
+    colours, for figures of more hues than a palette has; not for colours that are read off a bar.
     """
     _spell_names(figure)
     buffer = io.BytesIO()
@@ -105,16 +106,19 @@ def _spell_names(figure: "matplotlib.figure.Figure") -> None:
 
 
 def compress(data: bytes, alt: str, largest_bytes: int, dither: bool = False) -> bytes:
-    """Return a PNG with a palette and the alt text inside, in as many colours as the bound allows; see `png`."""
+    """Return a PNG with the alt text inside, in as many colours as the bound allows; see `png`."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
     picture = Image.open(io.BytesIO(data)).convert("RGB")
     about = PngInfo()
     about.add_itxt("Description", alt)
-    for colours in (256, 128, 64, 32, 16):
+    for colours in (None, 256, 128, 64, 32, 16):
+        if colours is None and largest_bytes < FULL_COLOUR:
+            continue
         out = io.BytesIO()
-        _with_palette(picture, colours, dither).save(out, format="PNG", optimize=True, pnginfo=about)
+        shown = picture if colours is None else _with_palette(picture, colours, dither)
+        shown.save(out, format="PNG", optimize=True, pnginfo=about)
         if out.tell() < largest_bytes:
             break
     return out.getvalue()

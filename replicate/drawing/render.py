@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +17,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from replicate.base.files import replacing, short_temporary_folder
-from replicate.drawing.scene import MATT, STUDIO, WHITE, Camera, Finish, Lighting, Surface, axes, project
+from replicate.drawing.light import trace
+from replicate.drawing.scene import MATT, PORTRAIT, STUDIO, WHITE, Camera, Finish, Lighting, Surface, axes, project
 from replicate.geometry.mesh import face_normals, vertex_normals
 
 SUPERSAMPLING = 2  # each pixel is the mean of 2 × 2
@@ -49,11 +51,36 @@ def render(
     draw = {"pyvista": _pyvista, "software": rasterise}[renderer]
 
     def picture() -> UInt8[np.ndarray, "h w 3"]:
-        large = draw(surfaces, camera, SUPERSAMPLING * width, SUPERSAMPLING * height, background, lighting)
-        blocks = large.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3)
-        return np.rint(blocks.mean((1, 3))).astype(np.uint8)
+        return _reduced(draw(surfaces, camera, SUPERSAMPLING * width, SUPERSAMPLING * height, background, lighting))
 
     return drawn_once(picture, surfaces, camera, width, height, background, renderer, lighting)
+
+
+def portrait(
+    surfaces: Sequence[Surface],
+    camera: Camera,
+    width: int,
+    height: int,
+    background: tuple[int, int, int],
+    renderer: str | None = None,
+) -> UInt8[np.ndarray, "h w 3"]:
+    """Draw a character in colour, by rays where embreex is installed, else as `render` does under `PORTRAIT`.
+
+    renderer: one of `render`'s, in place of rays.
+    """
+    if renderer or not find_spec("embreex"):
+        return render(surfaces, camera, width, height, background, renderer, PORTRAIT)
+
+    def picture() -> UInt8[np.ndarray, "h w 3"]:
+        return _reduced(trace(surfaces, camera, SUPERSAMPLING * width, SUPERSAMPLING * height, background))
+
+    return drawn_once(picture, surfaces, camera, width, height, background, "rays")
+
+
+def _reduced(large: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    """Return a picture whose pixels are means of `SUPERSAMPLING` × `SUPERSAMPLING` of another's."""
+    blocks = large.reshape(len(large) // SUPERSAMPLING, SUPERSAMPLING, -1, SUPERSAMPLING, 3)
+    return np.rint(blocks.mean((1, 3))).astype(np.uint8)
 
 
 @functools.cache

@@ -13,10 +13,10 @@ from replicate.base import paths
 from replicate.cli.options import characters
 from replicate.drawing.characters import BACKGROUND, character_surfaces, expression_sheet
 from replicate.drawing.marks import quad_edges, wireframe
-from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid, save_figure
+from replicate.drawing.panels import DPI, FULL_COLOUR, GAP, MARGIN, TITLE, Words, panel_grid, save_figure
 from replicate.drawing.prop_surfaces import prop_surfaces
-from replicate.drawing.render import render
-from replicate.drawing.scene import PORTRAIT, STUDIO, Surface, camera_for, frame_surfaces
+from replicate.drawing.render import portrait, render
+from replicate.drawing.scene import STUDIO, Surface, camera_for, frame_surfaces
 from replicate.methods import artefacts
 from replicate.report.publication import results_folder
 
@@ -51,14 +51,14 @@ def draw_sheets(rig: Rig, folder: Path, renderer: str | None = None) -> list[Pat
         "expressions": expression_sheet(rig, selection, COLUMNS, width=240, height=262, renderer=renderer),
     }
     for kind, (figure, words) in sheets.items():
-        save_figure(figure, folder / f"{rig.name}_{kind}.png", words)
+        save_figure(figure, folder / f"{rig.name}_{kind}.png", words, FULL_COLOUR)
     return [folder / f"{rig.name}_{kind}.png" for kind in sheets]
 
 
 def draw_line_up(rigs: Sequence, folder: Path, renderer: str | None = None) -> Path:
     """Draw the rigs side by side into a folder and return the file."""
     figure, words = line_up(rigs, renderer=renderer)
-    save_figure(figure, folder / "characters.png", words)
+    save_figure(figure, folder / "characters.png", words, FULL_COLOUR)
     return folder / "characters.png"
 
 
@@ -137,7 +137,7 @@ def _portrait(rig, view: str, width: int, height: int, renderer) -> np.ndarray:
     camera = camera_for(view, rig.mesh.neutral)
     camera = frame_surfaces(camera, character_surfaces(rig, rig.default), width / height)
     surfaces = character_surfaces(rig, rig.default, camera)
-    return render(surfaces, camera, width, height, BACKGROUND, renderer, PORTRAIT)
+    return portrait(surfaces, camera, width, height, BACKGROUND, renderer)
 
 
 def _pictures(rig, width: int, height: int, renderer) -> dict[str, np.ndarray]:
