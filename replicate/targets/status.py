@@ -38,7 +38,7 @@ def _print_state(options: argparse.Namespace) -> None:
     else:
         cores, known, titles = core_count(), known_times(paths.REFERENCE), known_titles()
         there = {name for name, (_, state) in found.items() if state == UP_TO_DATE}
-        print(f"profile {options.profile}; times are estimated for {cores} cores like those of the reference results\n")
+        print(f"profile {options.profile}; times are for {cores} cores like those of the reference results\n")
         for name, each in graphs.items():
             print(f"{name:15} {target_line(each, there, titles, known, cores)}")
     print(f"\n{cache_line(inventory())} in {paths.cache_folder()}")

@@ -70,7 +70,7 @@ def test_a_recipe_that_gives_no_mesh_is_named_once(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("data_recipes.recipe_rig.build_head", flatten)
-        with pytest.raises(InputError, match=r"^mine\.toml: mesh: faces\[5\] .* is degenerate"):
+        with pytest.raises(InputError, match=r"^mine\.toml: mesh: faces\[5\]: expected a face with an area, got .*"):
             build_rig(recipe)
     recipe.write_text(text.replace("vertices = 918", "vertices = 917"), encoding="utf-8")
     with pytest.raises(InputError, match=r"^mine\.toml: vertices: expected 918, .*, got 917"):

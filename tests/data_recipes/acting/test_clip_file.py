@@ -37,7 +37,7 @@ def test_named_controls_are_read_and_the_others_rest(tmp_path):
         ("squash,brow_inner_up_left\n0\n", "line 2: expected 2 values, got 1"),
         ("squash\n", "expected a header of controls and a row for each frame, got 1 line"),
         ("", "a row for each frame, got no lines"),
-        (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", "found bytes that are no UTF-8"),
+        (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", "byte 0 is no UTF-8: save the file as UTF-8"),
         ('squash\n"0\n', "expected CSV text, but it can't be read"),
     ],
 )
