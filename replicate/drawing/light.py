@@ -74,7 +74,7 @@ class Studio:
     gloss: float = 0.8
     exposure: float = 0.78
     saturation: float = 1.1
-    vignette: float = 0.45
+    vignette: float = 0.3
 
 
 # A warm key from the upper left, a wide warm fill, and two cool lamps from behind that part the head from the paper.

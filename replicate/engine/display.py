@@ -21,6 +21,7 @@ class StageDisplay:
         self._announced = False
         self._bar: tqdm | None = None
         self._label, self._label_start, self._label_initial = "", self.start, 0.0
+        self.left_s: float | None = None  # of the part that the stage is at, once it has said how far it is
 
     @property
     def seconds(self) -> float:
@@ -44,10 +45,13 @@ class StageDisplay:
         if label != self._label:
             self._close()
             self._label, self._label_start, self._label_initial = label, time.monotonic(), steps
+        seconds, here = time.monotonic() - self._label_start, steps - self._label_initial
+        self.left_s = seconds * (total - steps) / here if here > 0 else None
         if self.stream.isatty():
             self._draw(steps, total)
         elif self._announced and time.monotonic() - self._last_line >= LINE_EVERY_S and steps < total:
-            self._line(f"{label} {steps:,.0f} of {total:,.0f}{self._time_left(steps, total)}")
+            left = "" if self.left_s is None else f", about {duration(self.left_s)} left"
+            self._line(f"{label} {steps:,.0f} of {total:,.0f}{left}")
 
     def end(self, outcome: str) -> None:
         """Remove the bar and, if the stage took two seconds or more, say how long it took."""
@@ -68,10 +72,6 @@ class StageDisplay:
                 file=self.stream,
             )
         self._bar.update(steps - self._bar.n)
-
-    def _time_left(self, steps: float, total: float) -> str:
-        seconds, here = time.monotonic() - self._label_start, steps - self._label_initial
-        return f", about {duration(seconds * (total - steps) / here)} left" if here > 0 else ""
 
     def _line(self, text: str) -> None:
         self._last_line = time.monotonic()

@@ -92,21 +92,28 @@ class Forecast:
         """Note how long a stage took."""
         self._spent[identifier] = seconds
 
-    def left_s(self, undone: Sequence[Stage], running_s: Mapping[str, float]) -> float | None:
+    def left_s(
+        self, undone: Sequence[Stage], running_s: Mapping[str, float], at_least_s: Mapping[str, float] | None = None
+    ) -> float | None:
         """Return about how many seconds are left, None if nothing is known.
 
         running_s: how long the running stages have been at it, by their identifiers.
+        at_least_s: how long the part that they are at still takes, of those that say it.
         """
+        at_least_s = at_least_s or {}
         self._most = max(self._most, len(running_s))
         known = self._expected
         if not known and self._spent:
             known = dict.fromkeys((stage.identifier for stage in undone), statistics.fmean(self._spent.values()))
-        if not known:
+        if not known and not at_least_s:
             return None
         both = known.keys() & self._spent.keys()
         pace = (sum(self._spent[name] for name in both) + _TRUST_S) / (sum(known[name] for name in both) + _TRUST_S)
         names = [stage.identifier for stage in undone]
-        left = {name: max(0.0, pace * known.get(name, 0.0) - running_s.get(name, 0.0)) for name in names}
+        left = {
+            name: max(at_least_s.get(name, 0.0), pace * known.get(name, 0.0) - running_s.get(name, 0.0))
+            for name in names
+        }
         return wall_s(undone, left, self._workers or self._most)
 
 
@@ -155,7 +162,8 @@ def _make(
                 seconds = {name: display.seconds for name, display in displays.items()}
                 row = max((display.slot + 1 for display in displays.values()), default=0)
                 done = len(tasks) - len(lost) - len(undone)
-                run_display.show(done, len(displays), forecast.left_s(list(undone.values()), seconds), row)
+                parts = {name: display.left_s for name, display in displays.items() if display.left_s}
+                run_display.show(done, len(displays), forecast.left_s(list(undone.values()), seconds, parts), row)
     finally:
         executor.close()
         run_display.end()

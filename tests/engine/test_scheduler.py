@@ -285,6 +285,11 @@ def test_what_is_left_of_a_run_follows_expected_times_and_what_the_first_stages_
     unknown = Forecast({}, None)
     unknown.done(first.identifier, 50.0)
     assert unknown.left_s(chain[1:], {chain[1].identifier: 20.0}) == pytest.approx(30 + 50)
+    slower = {chain[1].identifier: 600.0}
+    assert unknown.left_s(chain[1:], {chain[1].identifier: 20.0}, slower) == pytest.approx(600 + 50), (
+        "as it says itself"
+    )
+    assert Forecast({}, 1).left_s(chain[:1], {}, {chain[0].identifier: 90.0}) == 90
 
 
 def test_inputs_come_one_after_the_other_however_many_workers_there_are():

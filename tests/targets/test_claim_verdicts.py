@@ -266,7 +266,9 @@ def test_verdicts_are_read_back_as_they_are_and_pivot(tmp_path):
     assert pivot.shape == (len(CLAIMS), 5) and pivot.loc["C2", "woman"] == "not tested"
     text = (tmp_path / "claims.csv").read_text().replace("not tested", "undecided")
     (tmp_path / "claims.csv").write_text(text)
-    with pytest.raises(InputError, match=r"claims.csv, line \d+: verdict: expected holds, fails or not tested, got 'undecided'"):
+    with pytest.raises(
+        InputError, match=r"claims.csv, line \d+: verdict: expected holds, fails or not tested, got 'undecided'"
+    ):
         read_verdicts(tmp_path / "claims.csv")
 
 
