@@ -6,11 +6,14 @@ pixels lie on the border of the chart, so that no vertex is extrapolated. Maps h
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Int
-from scipy.sparse import csr_array, identity
+
+if TYPE_CHECKING:  # posing a face doesn't need it, and it is slow to load
+    from scipy.sparse import csr_array
 
 # Weight of |I|² beside |data|² in the least-squares fit: it only decides pixels that no vertex reads, and moves the
 # result by less than a thousandth of the offsets.
@@ -49,8 +52,10 @@ def sample(
     return (read * weights[:, :, None]).sum(2)
 
 
-def sampling_matrix(grid: Bilinear) -> csr_array:
+def sampling_matrix(grid: Bilinear) -> "csr_array":
     """Return bilinear sampling as a sparse (k, size²) matrix of float64."""
+    from scipy.sparse import csr_array
+
     rows = np.repeat(np.arange(len(grid.pixels)), 4)
     entries = grid.weights.ravel().astype(np.float64)
     return csr_array((entries, (rows, grid.pixels.ravel())), shape=(len(grid.pixels), grid.size**2))
@@ -66,7 +71,8 @@ def polyharmonic_map(
 
     An affine function of u and v is added to the kernels, as is usual, so that affine maps are kept.
     """
-    from scipy.interpolate import RBFInterpolator  # slow; posing a face doesn't need it
+    from scipy.interpolate import RBFInterpolator
+    from scipy.sparse import csr_array
 
     places, inverse = np.unique(np.asarray(uv, np.float64), axis=0, return_inverse=True)
     inverse = inverse.ravel()
@@ -84,6 +90,7 @@ class Projection:
     """The least-squares maps of a segment, min_I Σ |g(I; U) − values|² + RIDGE |I|², for any number of poses."""
 
     def __init__(self, uv: Float[np.ndarray, "k 2"], size: int):
+        from scipy.sparse import identity
         from scipy.sparse.linalg import splu
 
         self.matrix = sampling_matrix(bilinear(uv, size))

@@ -26,13 +26,13 @@ from replicate.benchmarks.common import (
     distinct_test_poses,
     in_groups,
     make_parser,
-    placing_attachments,
     trained_methods,
 )
 from replicate.config import Config
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.methods import artefacts
+from replicate.methods.attachment import placing_attachments
 from replicate.methods.method import Method, Model
 from replicate.report.results import Row, find
 from replicate.report.tables import Table

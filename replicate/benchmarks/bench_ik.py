@@ -27,7 +27,6 @@ from replicate.benchmarks.common import (
     bench_row,
     cell,
     make_parser,
-    placing_attachments,
 )
 from replicate.config import Config
 from replicate.inference.fast_evaluation import fast_evaluation

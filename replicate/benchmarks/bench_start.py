@@ -22,13 +22,13 @@ from replicate.benchmarks.common import (
     bench_row,
     cell,
     make_parser,
-    placing_attachments,
     trained_methods,
 )
 from replicate.benchmarks.first_pose import first_pose
 from replicate.config import Config
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.methods import artefacts
+from replicate.methods.attachment import placing_attachments
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
 from replicate.timing.onnx_evaluation import onnx_bytes

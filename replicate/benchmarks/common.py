@@ -11,7 +11,6 @@ from jaxtyping import Float32
 
 from data_recipes import recipe_paths
 from replicate.approximation.metrics import unique_poses
-from replicate.approximation.rigid import Attachments
 from replicate.base import paths
 from replicate.base.command_line import guard
 from replicate.base.exceptions import InputError
@@ -247,13 +246,6 @@ def distinct_test_poses(inputs: Mapping[str, Path]) -> Float32[np.ndarray, "t m"
     """Return the raw rig parameters of a character's test poses, each pose once."""
     params = artefacts.load_samples(inputs).test_params
     return np.asarray(params[unique_poses(params)], np.float32)
-
-
-def placing_attachments(method: Method, attachments: Attachments) -> Attachments:
-    """Return the attachments by which a method places rigid segments (§3.4); none for a method without that step."""
-    if method.rigid_step:
-        return attachments
-    return Attachments(**{name: array[:0] for name, array in vars(attachments).items()})
 
 
 def without_rigid_step(placing: "Places", mesh: Mesh) -> Callable[[np.ndarray], np.ndarray]:

@@ -62,8 +62,8 @@ def _by_onnx(request: dict, pose: object) -> None:
 
 def _by_suite(request: dict, pose: object) -> None:
     from replicate.approximation.rigid import attach
-    from replicate.benchmarks.common import placing_attachments
     from replicate.methods import artefacts
+    from replicate.methods.attachment import placing_attachments
     from replicate.methods.method_registry import method_named
 
     inputs = {name: Path(folder) for name, folder in request["inputs"].items()}

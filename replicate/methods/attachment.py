@@ -3,9 +3,17 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from replicate.approximation.rigid import Attachments
 from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts
 from replicate.methods.method import Method, Metric
+
+
+def placing_attachments(method: Method, attachments: Attachments) -> Attachments:
+    """Return the attachments by which a method places rigid segments (§3.4); none for a method without that step."""
+    if method.rigid_step:
+        return attachments
+    return Attachments(**{name: array[:0] for name, array in vars(attachments).items()})
 
 
 def load(inputs: Mapping[str, Path], settings: None) -> Callable:

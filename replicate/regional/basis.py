@@ -12,10 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Bool, Float, Float32, Float64, Int
+
+if TYPE_CHECKING:  # posing a face doesn't need it, and it is slow to load
+    from scipy.sparse import csr_matrix
 
 SHORTEST_MM = 0.5  # an edge's length in the metric is at least this
 
@@ -71,13 +74,15 @@ def blend_weights(
     return [(vertices, shares[k, vertices]) for k, vertices in enumerate(members)]
 
 
-def _neighbours(faces: Int[np.ndarray, "f 3"], count: int) -> sp.csr_matrix:
+def _neighbours(faces: Int[np.ndarray, "f 3"], count: int) -> csr_matrix:
     """Return which vertices share an edge, (n, n)."""
+    from scipy.sparse import csr_matrix
+
     rows, columns = faces[:, [0, 1, 1, 2, 2, 0]].ravel(), faces[:, [1, 0, 2, 1, 0, 2]].ravel()
-    return sp.csr_matrix((np.ones(len(rows), bool), (rows, columns)), shape=(count, count))
+    return csr_matrix((np.ones(len(rows), bool), (rows, columns)), shape=(count, count))
 
 
-def _distances(near: sp.csr_matrix, start: Bool[np.ndarray, " n"], most: int) -> Int[np.ndarray, " n"]:
+def _distances(near: csr_matrix, start: Bool[np.ndarray, " n"], most: int) -> Int[np.ndarray, " n"]:
     """Return how many edges lie between each vertex and the nearest of `start`, at most `most` + 1."""
     reached, distances = start.copy(), np.where(start, 0, most + 1)
     for ring in range(1, most + 1):
@@ -93,7 +98,7 @@ def loss_metric(
     vertex_count: int,
     face_count: int,
     normal_weight: float,
-) -> sp.csr_matrix:
+) -> csr_matrix:
     """Return Q (k, k), the metric of one coordinate of a region's offsets.
 
     neutral: the region's vertices, mm.
@@ -102,18 +107,20 @@ def loss_metric(
     face_count: f of Eq. 1, of the whole mesh.
     normal_weight: α of Eq. 1.
     """
+    from scipy.sparse import csr_matrix, identity
+
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     length = np.maximum(np.linalg.norm(neutral[pairs[:, 0]] - neutral[pairs[:, 1]], axis=1), SHORTEST_MM)
     rows = np.tile(np.arange(len(pairs)), 2)
-    differences = sp.csr_matrix(
+    differences = csr_matrix(
         (np.concatenate([1 / length, -1 / length]), (rows, pairs.T.ravel())), shape=(len(pairs), len(neutral))
     )
-    positions = sp.identity(len(neutral)) / max(vertex_count, 1)
+    positions = identity(len(neutral)) / max(vertex_count, 1)
     return (positions + normal_weight**2 / max(face_count, 1) * (differences.T @ differences)).tocsr()
 
 
 def principal_basis(
-    vertices: Int[np.ndarray, " k"], offsets: Float[np.ndarray, "s k 3"], metric: sp.csr_matrix, components: int
+    vertices: Int[np.ndarray, " k"], offsets: Float[np.ndarray, "s k 3"], metric: csr_matrix, components: int
 ) -> RegionalBasis:
     """Return a region's basis: its offsets' mean over some samples, and their principal components in the metric."""
     from scipy.linalg import eigh  # only training needs it
@@ -133,14 +140,14 @@ def principal_basis(
     return RegionalBasis(vertices, mean.astype(np.float32), (shapes / lengths[:, None, None]).astype(np.float32))
 
 
-def apply_metric(metric: sp.csr_matrix, offsets: Float[np.ndarray, "s k 3"]) -> Float[np.ndarray, "s k 3"]:
+def apply_metric(metric: csr_matrix, offsets: Float[np.ndarray, "s k 3"]) -> Float[np.ndarray, "s k 3"]:
     """Return Q x of each coordinate of each x."""
     s, k, _ = offsets.shape
     flat = metric @ offsets.transpose(1, 0, 2).reshape(k, -1)
     return flat.reshape(k, s, 3).transpose(1, 0, 2).astype(offsets.dtype)
 
 
-def projection(basis: RegionalBasis, metric: sp.csr_matrix) -> Float64[np.ndarray, "d c"]:
+def projection(basis: RegionalBasis, metric: csr_matrix) -> Float64[np.ndarray, "d c"]:
     """Return P (3k, c), by which (x − mean) P are the coefficients of the offsets nearest to x in the metric."""
     weighed = apply_metric(metric, basis.components.astype(np.float64)).reshape(len(basis.components), -1)
     flat = basis.components.reshape(len(basis.components), -1).astype(np.float64)
