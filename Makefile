@@ -60,7 +60,8 @@ option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHE
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
 
 # A variable that nothing here reads is a typing error: CHARACTER=woman would otherwise show the default without a word.
-KNOWN := $(VARIABLES) ICT_FACEKIT PYTHON REPLICATE_CACHE NUMBA_CACHE_DIR JAX_COMPILATION_CACHE_DIR
+KNOWN := $(VARIABLES) ICT_FACEKIT PYTHON REPLICATE_CACHE REPLICATE_RESULTS REPLICATE_PLAIN_KERNELS \
+  REPLICATE_BLENDER_PYTHON NUMBA_CACHE_DIR JAX_COMPILATION_CACHE_DIR
 GIVEN := $(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(name)))
 UNKNOWN := $(firstword $(filter-out $(KNOWN) MAKE%,$(GIVEN)))
 ifneq ($(UNKNOWN),)
@@ -114,7 +115,7 @@ $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(MAKE_PID) $(OPTIONS)
 
 lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
-	@exec $(RUN) -m jupyterlab notebooks
+	@exec $(RUN) -m jupyterlab --LabApp.default_url=/lab/tree/notebooks
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
@@ -146,4 +147,4 @@ Makefile: ;
 
 # Any other word: which target was meant.
 %:
-	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test test-fast lint mutants clean-all
+	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment lab test test-fast lint mutants clean-all

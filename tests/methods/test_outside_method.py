@@ -27,18 +27,29 @@ def example():
     return found[1]
 
 
+def test_the_readmes_method_stands_for_the_neutral_pose(runs):
+    rows = read_results(runs / "results" / "quick" / "table2.csv")
+    for metric in ("vertex_error_mean", "normal_error_mean"):
+        assert (
+            find(rows, "table2", "tiny", "mine", metric).value == find(rows, "table2", "tiny", "neutral", metric).value
+        )
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory, example):
-    """Table 2 on tiny with README's method and the neutral pose, then their times; returns the results' folder."""
+    """Table 2 on tiny with both texts' methods and the neutral pose, then times; returns the results' folder."""
     folder = tmp_path_factory.mktemp("outside method")  # with a space in its path
     (folder / "nearest.py").write_text(example, encoding="utf-8")
+    brief = re.search(r"<!-- mine\.py -->\n```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    (folder / "mine.py").write_text(brief[1], encoding="utf-8")
     (folder / "few.toml").write_text(FEW)
     places = {"REPLICATE_CACHE": folder / "cache", "REPLICATE_RESULTS": folder / "results"}
     environment = os.environ | {name: str(path) for name, path in places.items()}
     mine = f'"{folder / "nearest.py"}"'
     table = ["replicate", "table2", "--profile", "quick", "--characters", "tiny", "--config", str(folder / "few.toml")]
     times = [word.replace("table2", "table3") for word in table]
-    for command in ([*table, "--numbers-only", "--methods", "neutral", mine], [*times, "--methods", mine]):
+    both = [mine, f'"{folder / "mine.py"}"']
+    for command in ([*table, "--numbers-only", "--methods", "neutral", *both], [*times, "--methods", mine]):
         done = subprocess.run(
             [sys.executable, "-m", *command], env=environment, cwd=ROOT, capture_output=True, text=True
         )

@@ -248,8 +248,8 @@ def claims_in_brief(file: Path) -> Table:
         cells = [symbol.replace(" ", "").replace("†", "").replace("‡", "≈") for symbol in symbols]
         body.append((f"{claim.name} {claim.text}", *cells, _range(here), _range(theirs)))
     notes = (
-        "✅ holds, ❌ fails, ≈ by less than 5 % (of times: 10 %), – not tested. Effect: the two numbers that decide, "
-        "the one that should be smaller over the other; below 1 is what the claim wants.",
+        "✅ holds, ❌ fails, ≈ by less than 5 % (of times: 10 %), – not tested. A claim says that one number is "
+        "smaller than another; the effect is their ratio, and below 1 supports the claim.",
     )
     header = ("", *STANDS_FOR, "effect here", "in the paper")
     return Table("The paper's claims on our characters", (header,), tuple(body), notes, text_columns=len(header))
