@@ -78,7 +78,10 @@ def dask_workers_at_work(folder: Path) -> list[psutil.Process]:
 
 
 def _stages_below(process: psutil.Process) -> list[psutil.Process]:
-    return [child for child in process.children() if _has(child, "replicate.engine.worker")]
+    try:
+        return [child for child in process.children() if _has(child, "replicate.engine.worker")]
+    except psutil.NoSuchProcess:  # it has ended meanwhile
+        return []
 
 
 def _has(process: psutil.Process, words: str) -> bool:

@@ -78,11 +78,19 @@ def listening_at(process):
     return []
 
 
+def _worker_with_stages(cache) -> tuple[psutil.Process, list[psutil.Process]] | None:
+    """Return a Dask worker and the stages that it runs; one that has just been killed is none."""
+    for worker in dask_workers_at_work(cache):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if stages := worker.children():
+                return worker, stages
+    return None
+
+
 def test_a_dask_worker_that_is_killed_twice_changes_nothing_and_its_stage_ends_with_it(cache, undisturbed):
     process = start(cache, *GRAPH, 1, "local:2")
     for _ in range(2):
-        victim = wait_for(lambda: dask_workers_at_work(cache), "Dask worker at work")[0]
-        stages = victim.children()
+        victim, stages = wait_for(lambda: _worker_with_stages(cache), "Dask worker at work")
         victim.kill()
         wait_for(lambda stages=stages: gone(stages), "end of the stage", 5)
         time.sleep(0.5)
