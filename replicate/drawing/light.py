@@ -249,14 +249,13 @@ def spread(
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     near = 1 / np.square(scene.vertices[pairs[:, 0]] - scene.vertices[pairs[:, 1]]).sum(1).clip(0.01)
     between = csr_matrix((near, pairs.T), (len(light), len(light)))
-    degree = np.bincount(pairs[:, 0], minlength=len(light)).clip(1)
+    nearness, degree = (np.bincount(pairs[:, 0], values, len(light)) for values in (near, None))
     result = light.copy()
     for channel, radius in enumerate(radii_mm):
-        pull = 2 * radius**2 / degree
+        pull = 2 * radius**2 / degree.clip(1)
         spreading = light[:, channel].copy()
         for _ in range(SPREADS):
-            weight = pull * np.asarray(between.sum(1)).ravel()
-            spreading = (light[:, channel] + pull * (between @ spreading)) / (1 + weight)
+            spreading = (light[:, channel] + pull * (between @ spreading)) / (1 + pull * nearness)
         result[is_known, channel] = spreading[is_known]
     return result
 
