@@ -29,9 +29,10 @@ from replicate.baselines.line import line_model
 from replicate.config import resolve
 from replicate.drawing.characters import character_surfaces
 from replicate.drawing.heatmap import normal_bar, normal_heat
+from replicate.drawing.light import PORTRAIT
 from replicate.drawing.panels import Words, panel_grid, png
 from replicate.drawing.render import render
-from replicate.drawing.scene import PORTRAIT, camera_for, frame_surfaces
+from replicate.drawing.scene import camera_for, frame_surfaces
 from replicate.methods.linear import LinearConfig, best_weights
 
 parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -101,7 +102,7 @@ face, *props = character_surfaces(rig, params, view)  # props, such as hair and 
 guess = replace(face, vertices=predictors["CNN"](params[None], None)[0])
 scenes = ([face, *props], [guess, *props], [normal_heat(guess.vertices, face.vertices, mesh.faces, limit)])
 camera = frame_surfaces(view, scenes[0], 0.8)
-pictures = [render(scene, camera, 400, 500, lighting=PORTRAIT) for scene in scenes]
+pictures = [render(scene, camera, 400, 500, studio=PORTRAIT) for scene in scenes]
 titles = [f"{rig.name}: the rig", f"CNN after {words.steps:,} steps", "the CNN's normal error"]
 figure = panel_grid([pictures], titles, bar=(0, 0, lambda figure, axes: normal_bar(figure, axes, limit)))
 out = words.out or Path(f"train_one_{rig.name}.png")

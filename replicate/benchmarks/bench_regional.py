@@ -228,7 +228,7 @@ def figure_of(character: str) -> "tuple[matplotlib.figure.Figure, Words]":
 
 
 def regional_figure(
-    rig: Rig, rigid: Bool[np.ndarray, " s"], config: RegionalConfig, character: str, renderer: str | None = None
+    rig: Rig, rigid: Bool[np.ndarray, " s"], config: RegionalConfig, character: str
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): views of the regions, and below them a diagram of the network and the bases.
 
@@ -236,7 +236,6 @@ def regional_figure(
     rigid: which segments of its mesh are rigid; no region has a part of them.
     config: the settings of the method.
     character: what the words call it.
-    renderer: as for `render`.
     """
     from matplotlib.figure import Figure
 
@@ -248,7 +247,7 @@ def regional_figure(
     size = round(across * WIDTH * DPI), TALL
     for place, name in enumerate(VIEWS):
         axes = figure.add_axes((across * place, 1 - above, across, above))
-        axes.imshow(render(surfaces, camera_for(name, rig.mesh.neutral), *size, renderer=renderer), aspect="auto")
+        axes.imshow(render(surfaces, camera_for(name, rig.mesh.neutral), *size), aspect="auto")
         axes.set_axis_off()
     _diagram(figure.add_axes((0, 0, 1, 1 - above)), config)
     hidden = " and ".join(map(str, config.hidden))

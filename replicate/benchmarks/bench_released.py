@@ -163,12 +163,12 @@ def median_pose(offsets: Float[np.ndarray, "p n 3"]) -> int:
     return int(np.argsort(motion, kind="stable")[(len(motion) - 1) // 2])
 
 
-def released_faces(record: PoseRecord, renderer: str | None = None) -> "tuple[matplotlib.figure.Figure, Words]":
+def released_faces(record: PoseRecord) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the rig's pose, and each prediction as half surface, half normal errors."""
     width = cell_width(COLUMNS, LINES)
     height = round(TALL * width)
     view = view_of(record, "front", width / height)
-    draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+    draw = partial(render, camera=view, width=width, height=height)
     truth = record.vertices[TRUTH]
     cells, phrases = [Cell("the rig", (draw(clay_surfaces(record, TRUTH)),))], []
     for name, vertices in record.vertices.items():

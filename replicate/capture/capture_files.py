@@ -14,7 +14,7 @@ from replicate.capture.capture_config import CaptureConfig, CaptureSettings
 from replicate.capture.driven_face import ApproximatedRig, driven_params, face_picture, head_camera
 from replicate.capture.landmark_file import Recording, read_landmarks
 from replicate.capture.landmark_motion import Motion, control_motion, telling_frames
-from replicate.drawing.face_sheet import LARGEST_BYTES, Cell, cell_width, face_sheet
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import DPI, Words, save_figure
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import moving_parts
@@ -46,7 +46,7 @@ def write_all(settings: CaptureSettings, inputs: Mapping[str, Path], file: Path,
     off = np.linalg.norm((frames[0][:, rig.control_points] - motion.targets)[..., :2], axis=-1)
     figure, words = strip(settings.character, face, params, motion, chosen, f"{how} On average a landmark of the mesh "
                           f"ends {off.mean():.2f} mm from where it shall go.")  # fmt: skip
-    save_figure(figure, out / f"{STEM}.png", words, LARGEST_BYTES, dither=True)
+    save_figure(figure, out / f"{STEM}.png", words)
     return {"frames": len(params), "scale": motion.scale, "landmark_error_mm": float(off.mean()), "in_words": how}
 
 
@@ -71,13 +71,7 @@ def in_words(recording: Recording, motion: Motion, section: CaptureConfig) -> st
 
 
 def strip(
-    character: str,
-    face: Rig,
-    params: Float[np.ndarray, "t m"],
-    motion: Motion,
-    chosen: list[int],
-    how: str,
-    renderer: str | None = None,
+    character: str, face: Rig, params: Float[np.ndarray, "t m"], motion: Motion, chosen: list[int], how: str
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): some frames, the landmarks above and the driven face below.
 
@@ -87,7 +81,6 @@ def strip(
     motion: the landmarks of all frames
     chosen: which frames are shown
     how: a sentence on how the landmarks were taken over
-    renderer: as of `render`
     """
     width = cell_width(len(chosen))
     height = round(TALL * width)
@@ -95,7 +88,7 @@ def strip(
     cells = []
     for k in chosen:
         drawn = landmark_picture(motion.recorded[k], face.control_point_names, window, width, width)
-        cells.append(Cell(f"frame {k}", (drawn, face_picture(face, params[k], camera, width, height, renderer))))
+        cells.append(Cell(f"frame {k}", (drawn, face_picture(face, params[k], camera, width, height))))
     frames = ", ".join(map(str, chosen))
     return face_sheet(cells, len(chosen)), Words(
         f"{len(chosen)} frames of a recording: landmarks of the actor's face as points and lines, and below them "

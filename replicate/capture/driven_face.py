@@ -62,7 +62,6 @@ def face_picture(
     camera: Camera,
     width: int,
     height: int,
-    renderer: str | None = None,
     marks: Surface | None = None,
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Return a picture of a face in a pose.
@@ -71,8 +70,7 @@ def face_picture(
     params: raw rig parameters
     camera: as of `head_camera`
     width, height: of the picture, pixels
-    renderer: as of `render`
     marks: a surface that is drawn with the face
     """
     surfaces = [Surface(face(params), face.mesh.faces), *prop_surfaces(face.pose_props(params), camera)]
-    return render([*surfaces, *([marks] if marks else [])], camera, width, height, renderer=renderer)
+    return render([*surfaces, *([marks] if marks else [])], camera, width, height)

@@ -1,1 +1,1 @@
-"""How meshes become pictures: scenes, renderers, heatmaps, panels, one style for all charts."""
+"""How meshes become pictures: scenes, light, heatmaps, panels, one style for all charts."""

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from data_recipes.rig import Rig
+from replicate.drawing.light import PORTRAIT
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
-from replicate.drawing.render import portrait
+from replicate.drawing.render import render
 from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
 from replicate.geometry.mesh import Mesh
 
@@ -55,7 +56,6 @@ def expression_sheet(
     camera: str = "front",
     width: int = 300,
     height: int = 320,
-    renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a rig in several poses, row by row, each under its title and with the rig's props.
 
@@ -64,14 +64,13 @@ def expression_sheet(
     columns: pictures in a row.
     camera: one of `CAMERAS`.
     width, height: of a picture, pixels.
-    renderer: as for `render`.
     """
     mesh = rig.mesh
     view = camera_for(camera, mesh.neutral)
     posed = [surface for params in poses.values() for surface in character_surfaces(rig, params)]
     view = frame_surfaces(view, posed, width / height)  # a stretched head is taller than one at rest
     pictures = [
-        portrait(character_surfaces(rig, params, view), view, width, height, BACKGROUND, renderer)
+        render(character_surfaces(rig, params, view), view, width, height, BACKGROUND, PORTRAIT)
         for params in poses.values()
     ]
     blank = np.full((height, width, 3), 255, np.uint8)

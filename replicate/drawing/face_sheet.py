@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 WIDTH = 1000  # pixels
-LARGEST_BYTES = 190_000  # of a PNG; a notebook of less than 1 MB has room for three of them, base64 and all
 LETTER = 0.0215  # the size of letters as a share of the width
 GAP, MARGIN = 8, 6  # pixels
 LINE = 1.22  # the distance of two lines of text, in sizes of letters

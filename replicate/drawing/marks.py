@@ -74,7 +74,7 @@ def ringed(
     return picture
 
 
-# Edges as ribbons over a surface, so that every renderer draws them; quads where triangles are halves of quads.
+# Edges as ribbons over a surface, so that rays and OpenGL draw them; quads where triangles are halves of quads.
 
 INK = (66, 69, 76)
 LIFT_MM = 0.35  # towards the eye, so that the surface doesn't hide the ribbons

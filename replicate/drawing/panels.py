@@ -1,4 +1,4 @@
-"""Rendered panels in a grid with titles and a colour bar; and figures saved as small files, with their words."""
+"""Rendered panels in a grid with titles and a colour bar; and figures saved as files, with their words."""
 
 import io
 import json
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
-LARGEST_BYTES = 300_000
-FULL_COLOUR = 2_000_000  # the bound of pictures in all their colours, such as portraits
-FLAT_PIXELS = 40  # a colour with so many pixels that it surrounds was chosen, not made by shading
+SMALL_BYTES, QUALITY = 100_000, 90  # a page shows a larger PNG as JPEG of this quality
 
 
 @dataclass(frozen=True)
@@ -78,18 +76,28 @@ def panel_grid(
     return figure
 
 
-def png(
-    figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = LARGEST_BYTES, dither: bool = False
-) -> bytes:
-    """Return a figure as PNG with its alt text inside: in full colour where the bound is `FULL_COLOUR`, else a palette.
+def png(figure: "matplotlib.figure.Figure", words: Words) -> bytes:
+    """Return a figure as PNG with its alt text inside; the same figure gives the same bytes."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
-    It has fewer colours where it would be too large. The same figure gives the same bytes. dither: mix neighbouring
-    colours, for figures of more hues than a palette has; not for colours that are read off a bar.
-    """
     _spell_names(figure)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
-    return compress(buffer.getvalue(), words.alt, largest_bytes, dither)
+    drawn, out, about = io.BytesIO(), io.BytesIO(), PngInfo()
+    figure.savefig(drawn, format="png", dpi=DPI)
+    about.add_itxt("Description", words.alt)
+    Image.open(drawn).convert("RGB").save(out, format="PNG", optimize=True, pnginfo=about)
+    return out.getvalue()
+
+
+def for_page(data: bytes) -> bytes:
+    """Return a picture for a page of many: a large PNG as JPEG, which looks the same; charts stay as they are."""
+    from PIL import Image
+
+    if len(data) <= SMALL_BYTES:
+        return data
+    out = io.BytesIO()
+    Image.open(io.BytesIO(data)).convert("RGB").save(out, format="JPEG", quality=QUALITY, subsampling=0, optimize=True)
+    return min(data, out.getvalue(), key=len)
 
 
 def _spell_names(figure: "matplotlib.figure.Figure") -> None:
@@ -105,74 +113,9 @@ def _spell_names(figure: "matplotlib.figure.Figure") -> None:
                 text.set_parse_math(False)
 
 
-def compress(data: bytes, alt: str, largest_bytes: int, dither: bool = False) -> bytes:
-    """Return a PNG with the alt text inside, in as many colours as the bound allows; see `png`."""
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
-
-    picture = Image.open(io.BytesIO(data)).convert("RGB")
-    about = PngInfo()
-    about.add_itxt("Description", alt)
-    for colours in (None, 256, 128, 64, 32, 16):
-        if colours is None and largest_bytes < FULL_COLOUR:
-            continue
-        out = io.BytesIO()
-        shown = picture if colours is None else _with_palette(picture, colours, dither)
-        shown.save(out, format="PNG", optimize=True, pnginfo=about)
-        if out.tell() < largest_bytes:
-            break
-    return out.getvalue()
-
-
-def _with_palette(picture, colours: int, dither: bool):
-    from PIL import Image
-
-    # Hues weigh by the root of their pixels: else a legend's patch or an eye would get its neighbours' mean colour.
-    pixels = np.asarray(picture).reshape(-1, 3)
-    codes = pixels @ np.int32([1 << 16, 1 << 8, 1])  # faster than rows
-    codes, place, counts = np.unique(codes, return_inverse=True, return_counts=True)
-    hues = np.stack([codes >> 16, codes >> 8, codes], axis=1).astype(np.uint8)
-    place = place.reshape(picture.height, picture.width)
-    flat = _flat_hues(place, len(hues))[: colours // 2]
-    room = colours - len(flat)
-    sample = Image.fromarray(np.repeat(hues, np.ceil(np.sqrt(counts)).astype(int), axis=0)[None])
-    palette = sample.quantize(room, method=Image.Quantize.MEDIANCUT, kmeans=2)
-    dithering = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
-    indices = np.array(picture.quantize(palette=palette, dither=dithering))
-    entry = np.full(len(hues), -1)  # of the palette, for hues that stay as they are
-    entry[flat] = np.arange(room, colours)
-    exact = entry[place]
-    indices = np.where(exact >= 0, exact, indices).astype(np.uint8)
-    table = np.full((colours, 3), 255, np.uint8)
-    means = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[:room]
-    table[: len(means)] = means
-    table[room:] = hues[flat]
-    image = Image.fromarray(indices)
-    image.putpalette(table.ravel().tolist())
-    return image
-
-
-def _flat_hues(place: np.ndarray, count: int) -> np.ndarray:
-    """Return the hues that fill areas without shading, such as paper and a legend's squares, the largest first.
-
-    They were chosen, not made by light, and have to stay as they are. place: (h, w), each pixel's hue. count: of hues.
-    """
-    middle = place[1:-1, 1:-1]
-    around = (place[:-2, 1:-1], place[2:, 1:-1], place[1:-1, :-2], place[1:-1, 2:])
-    inner = np.bincount(middle[np.logical_and.reduce([middle == other for other in around])], minlength=count)
-    order = np.argsort(-inner, kind="stable")
-    return order[inner[order] >= FLAT_PIXELS]
-
-
-def save_figure(
-    figure: "matplotlib.figure.Figure",
-    path: Path,
-    words: Words,
-    largest_bytes: int = LARGEST_BYTES,
-    dither: bool = False,
-) -> None:
-    """Write a figure to `path` as `png` makes it, and its alt text and caption to a .json file beside it."""
-    path.write_bytes(png(figure, words, largest_bytes, dither))
+def save_figure(figure: "matplotlib.figure.Figure", path: Path, words: Words) -> None:
+    """Write a figure to `path` as PNG, and its alt text and caption to a .json file beside it."""
+    path.write_bytes(png(figure, words))
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
 

@@ -53,11 +53,7 @@ def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
 
 
 def coloured_views(
-    rig: Rig,
-    colours: UInt8[np.ndarray, "f 3"],
-    below: Sequence[UInt8[np.ndarray, "_ w 3"]],
-    across: int | None = None,
-    renderer: str | None = None,
+    rig: Rig, colours: UInt8[np.ndarray, "f 3"], below: Sequence[UInt8[np.ndarray, "_ w 3"]], across: int | None = None
 ) -> "matplotlib.figure.Figure":
     """Return a figure: the rig with an open mouth from each of `VIEWS`, and pictures that fill the width below them.
 
@@ -65,7 +61,6 @@ def coloured_views(
     colours: one for each face.
     below: the pictures.
     across: the width of a view, pixels; None to fill the sheet.
-    renderer: as for `render`.
     """
     params, mesh = open_mouth(rig), rig.mesh
     posed = rig(params)
@@ -83,7 +78,7 @@ def coloured_views(
             camera = replace(camera, focus=tuple(map(float, middle)), height_mm=tall)
         elif name != "mouth":
             camera = frame_surfaces(camera, surfaces, width / height)
-        cells.append(Cell(title, (render(surfaces, camera, width, height, renderer=renderer),)))
+        cells.append(Cell(title, (render(surfaces, camera, width, height),)))
     return face_sheet(cells, len(cells), below=below)
 
 

@@ -1,4 +1,4 @@
-"""Scenes, which both renderers draw: surfaces, fixed cameras and lights."""
+"""Scenes: surfaces and fixed cameras."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -77,50 +77,6 @@ CAMERAS = {
     # Not for pictures: the skin between brow and hair line, whose wrinkles decide the test pose that figures show.
     "wrinkles": Camera((0, 60, 75), 66, 0, 10),
 }
-
-
-@dataclass(frozen=True)
-class Light:
-    """A directional light fixed to the camera.
-
-    direction: where it comes from (x right, y up, z to the eye). strength: a factor. colour: RGB, 0 to 1.
-    """
-
-    direction: tuple[float, float, float]
-    strength: float
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Lighting:
-    """All lights of a scene, and how bright a surface is that none of them reaches.
-
-    shade_from_mm: how deep a hollow must be to be shaded by what is around it; shaded folds of a few triangles would
-    look like dirt.
-    """
-
-    lights: tuple[Light, ...]
-    ambient: float
-    shade_from_mm: float = 0.5
-
-
-# For clay. The key light is high and to the left, so that both vertical and horizontal wrinkles cast shades.
-STUDIO = Lighting(
-    (Light((-0.50, 0.75, 0.60), 0.80), Light((0.85, 0.10, 0.55), 0.36), Light((0.0, -0.6, 0.6), 0.10)), 0.13
-)
-# For characters in colour: a warm key light, a wide soft fill whose tint keeps skin warm in the shade, as light that
-# has passed through it does, light from the floor, and a cool rim light that sets the head off from the paper.
-PORTRAIT = Lighting(
-    (
-        Light((-0.48, 0.45, 0.80), 0.60, (1.0, 0.97, 0.92)),
-        Light((0.75, 0.10, 0.75), 0.38, (1.0, 0.91, 0.86)),
-        Light((0.0, -0.70, 0.65), 0.42, (1.0, 0.84, 0.76)),
-        Light((0.80, 0.55, -0.45), 0.40, (0.90, 0.95, 1.0)),
-        Light((-0.90, 0.35, -0.45), 0.25, (0.90, 0.95, 1.0)),
-    ),
-    0.25,
-    1.0,
-)
 
 
 def camera_for(name: str, neutral: Float[np.ndarray, "n 3"]) -> Camera:

@@ -16,7 +16,7 @@ from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments
 from replicate.drawing.characters import colours_by_segment
-from replicate.drawing.scene import PORTRAIT
+from replicate.drawing.light import PORTRAIT, plain_lights
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inverse.control_points import ControlPoints, control_points
 from replicate.inverse.ik_network import IkModel
@@ -187,8 +187,9 @@ def face_contents(face: PosedFace) -> Parts:
 def _mesh(rig: Rig) -> Parts:
     mesh = rig.mesh
     paint = colours_by_segment(mesh)[mesh.segment] if rig.paint is None else np.asarray(rig.paint, np.uint8)
-    lights = [[*light.direction, light.strength, *light.colour] for light in PORTRAIT.lights]
-    return {"character": rig.name, "lights": lights, "ambient": PORTRAIT.ambient}, {
+    lights, ambient = plain_lights(PORTRAIT)
+    lights = [[*lamp.direction, lamp.strength, *lamp.colour] for lamp in lights]
+    return {"character": rig.name, "lights": lights, "ambient": ambient}, {
         "neutral": mesh.neutral,
         "faces": indices(mesh.faces, len(mesh.neutral)),
         "paint": paint,

@@ -25,10 +25,10 @@ WIDTH, HEIGHT = 270, 324  # pixels of a picture
 TITLES = ("the rig", "our method")
 
 
-def still(poser: "Poser", renderer: str | None = None) -> "tuple[matplotlib.figure.Figure, Words]":
+def still(poser: "Poser") -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the pose that a widget has now, for those who read without a kernel."""
     words = f"{poser.face.rig.name}: {poser.judged.in_words()}"
-    figure = error_figure(poser.face.rig, poser.params, poser.targets, poser.judged, poser.kind, renderer)
+    figure = error_figure(poser.face.rig, poser.params, poser.targets, poser.judged, poser.kind)
     return figure, Words(
         f"A posed face of {words}.",
         f"A pose of the widget, {words}. Red: where the control points are wanted. Right: our method's face, each "
@@ -42,7 +42,6 @@ def error_figure(
     targets: Float[np.ndarray, "c 3"],
     errors: RigErrors,
     kind: str = NORMAL,
-    renderer: str | None = None,
 ) -> "matplotlib.figure.Figure":
     """Return pictures of the rig's face, our method's, and its errors in colours with their bar.
 
@@ -51,14 +50,13 @@ def error_figure(
     targets: where the control points are wanted, mm
     errors: the pose's
     kind: NORMAL or DISTANCE, the errors shown
-    renderer: as of `render`
     """
     scale, faces, camera = SCALES[kind], rig.mesh.faces, camera_for("front", rig.mesh.neutral)
     props = tuple(rig.pose_props(params))
 
     def picture(vertices: np.ndarray, surface: Surface, marks: tuple[Surface, ...]) -> np.ndarray:
         others = prop_surfaces(carry_props(props, errors.truth, vertices))
-        return render([surface, *others, *marks], camera, WIDTH, HEIGHT, renderer=renderer)
+        return render([surface, *others, *marks], camera, WIDTH, HEIGHT)
 
     points, heat = (balls_in_front(targets, errors.truth),), scale.colours(errors.of(kind))
     pictures = [

@@ -21,7 +21,7 @@ from replicate.base.command_line import guard
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.files import short_temporary_folder, write_text
 from replicate.base.paths import REFERENCE, ROOT, committed_folders, display_path, run_folder
-from replicate.drawing.panels import LARGEST_BYTES, Words, compress, png
+from replicate.drawing.panels import Words, for_page, png
 from replicate.engine.provenance import LABELS, as_lines
 from replicate.report.manifest import DRAWN, POSES, command_of, section, targets
 from replicate.report.results import Row, order_of, read_results
@@ -100,11 +100,15 @@ def show_tables(tables: Iterable[Table | None]) -> None:
         show_table(replace(table, notes=notes), folded=True)
 
 
-def show(figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = LARGEST_BYTES) -> None:
-    """Show a figure in a notebook with its alt text and caption. largest_bytes: as for `panels.png`."""
+def show(figure: "matplotlib.figure.Figure", words: Words) -> None:
+    """Show a figure in a notebook with its alt text and caption."""
+    _show(png(figure, words), words)
+
+
+def _show(data: bytes, words: Words) -> None:
     from IPython.display import Image, Markdown, display
 
-    display(Image(png(figure, words, largest_bytes), alt=words.alt), Markdown(f"*{plain_markdown(words.caption)}*"))
+    display(Image(for_page(data), alt=words.alt), Markdown(f"*{plain_markdown(words.caption)}*"))
 
 
 def show_text(text: str) -> None:
@@ -114,17 +118,9 @@ def show_text(text: str) -> None:
     display(Markdown(text))
 
 
-def show_picture(file: Path, largest_bytes: int | None = None) -> None:
-    """Show a saved figure in a notebook with its alt text and caption, which are in a JSON file beside it.
-
-    largest_bytes: a larger picture is shown in fewer colours, for pages of many pictures.
-    """
-    from IPython.display import Image, Markdown, display
-
-    words, data = json.loads(file.with_suffix(".json").read_text(encoding="utf-8")), file.read_bytes()
-    if largest_bytes and len(data) > largest_bytes:
-        data = compress(data, words["alt"], largest_bytes)
-    display(Image(data, alt=words["alt"]), Markdown(f"*{plain_markdown(words['caption'])}*"))
+def show_picture(file: Path) -> None:
+    """Show a saved figure in a notebook with its alt text and caption, which are in a JSON file beside it."""
+    _show(file.read_bytes(), Words(**json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))))
 
 
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:

@@ -17,9 +17,10 @@ from data_recipes.catalogue import expression_poses
 from data_recipes.rig import Rig
 from replicate.base.exceptions import InputError
 from replicate.drawing.characters import BACKGROUND, character_surfaces
+from replicate.drawing.light import PORTRAIT, quick, trace
 from replicate.drawing.panels import DPI, Words
-from replicate.drawing.render import plotter_of, rasterise, working_renderer
-from replicate.drawing.scene import PORTRAIT, WHITE, Camera, Lighting, Surface, camera_for
+from replicate.drawing.render import opengl_works, plotter_of
+from replicate.drawing.scene import WHITE, Camera, Surface, camera_for
 from replicate.inference.vertex_normals import fast_vertex_normals
 
 if TYPE_CHECKING:
@@ -37,13 +38,13 @@ class ControlPanel:
     params: (m,) the pose shown; picture: (height, width, 3) uint8; times_ms: how long the last picture took, by part.
     """
 
-    def __init__(self, rig: Rig, width: int = 400, height: int = 440, renderer: str | None = None):
+    def __init__(self, rig: Rig, width: int = 400, height: int = 440, opengl: bool | None = None):
         import ipywidgets as widgets
 
         self.rig, self.params = rig, rig.default.copy()
         self.times_ms: dict[str, float] = {}
         self.picture: UInt8[np.ndarray, "h w 3"] = np.zeros((height, width, 3), np.uint8)
-        self._view = LiveView(width, height, BACKGROUND, renderer=renderer)
+        self._view = LiveView(width, height, BACKGROUND, opengl)
         self._held = False  # while several sliders change for one picture
         self._presets = expression_poses(rig)
         self.sliders = {c.name: self._slider(widgets, k, c) for k, c in enumerate(rig.controls)}
@@ -137,9 +138,9 @@ class ControlPanel:
         self._words.value = "  ".join(f"{name} {ms:.0f} ms" for name, ms in self.times_ms.items())
 
 
-def control_panel(rig: Rig, width: int = 400, height: int = 440, renderer: str | None = None) -> ControlPanel:
+def control_panel(rig: Rig, width: int = 400, height: int = 440, opengl: bool | None = None) -> ControlPanel:
     """Return a panel for any rig; wrinkles can be switched off on those built from recipes."""
-    return ControlPanel(rig, width, height, renderer)
+    return ControlPanel(rig, width, height, opengl)
 
 
 def still(panel: ControlPanel) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -192,17 +193,16 @@ class LiveView:
         width: int,
         height: int,
         background: tuple[int, int, int] = WHITE,
-        lighting: Lighting = PORTRAIT,
-        renderer: str | None = None,
+        opengl: bool | None = None,
     ):
-        self.look = width, height, background, lighting
-        self.renderer = renderer or working_renderer()
+        self.look = width, height, background
+        self.opengl = opengl_works() if opengl is None else opengl
         self._plotter, self._meshes, self._camera = None, [], None
 
     def draw(self, surfaces: Sequence[Surface], camera: Camera) -> UInt8[np.ndarray, "h w 3"]:
         """Return the picture. The meshes are set up again where their count, their sizes or the camera have changed."""
-        if self.renderer == "software":
-            return rasterise(surfaces, camera, *self.look)
+        if not self.opengl:
+            return trace(surfaces, camera, *self.look, quick(PORTRAIT))
         if self._plotter is None or camera != self._camera or not self._fits(surfaces):
             self.close()
             self._plotter, self._meshes = plotter_of(surfaces, camera, *self.look)

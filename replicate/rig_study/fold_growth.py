@@ -53,8 +53,7 @@ def strain_bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes",
 
 
 def strain_sheet(
-    rig: Rig, poses: Mapping[str, Float[np.ndarray, " m"]], limit: float = 0.2, width: int = 200, height: int = 218,
-    renderer: str | None = None,
+    rig: Rig, poses: Mapping[str, Float[np.ndarray, " m"]], limit: float = 0.2, width: int = 200, height: int = 218
 ) -> "tuple[matplotlib.figure.Figure, Words]":  # fmt: skip
     """Return (figure, words): the diffused compression of every region in some poses, and the folds that it raises.
 
@@ -62,10 +61,9 @@ def strain_sheet(
     poses: raw rig parameters by title
     limit: the strain with the last colour
     width, height: of a picture, pixels
-    renderer: as of `render`
     """
     view = camera_for("front", rig.mesh.neutral)
-    draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+    draw = partial(render, camera=view, width=width, height=height)
     strain_row, clay_row, percentages = [], [], []
     for title, params in poses.items():
         vertices, compression = rig(params), strain(rig, params)

@@ -100,7 +100,7 @@ ABREAST = 2  # layers in a row
 
 
 def layer_sheet(
-    rig: Rig, exhibits: Sequence[Exhibit] = EXHIBITS, width: int = 150, height: int = 165, renderer: str | None = None
+    rig: Rig, exhibits: Sequence[Exhibit] = EXHIBITS, width: int = 150, height: int = 165
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): each layer's exhibit without it, with it, and how far it moves the surface in the end.
 
@@ -109,7 +109,6 @@ def layer_sheet(
     rig: one built from a recipe
     exhibits: the layers
     width, height: of a picture, pixels
-    renderer: as of `render`
     """
     pictures, titles, sentences = [], [], []
     for exhibit in exhibits:
@@ -119,7 +118,7 @@ def layer_sheet(
         distance = np.linalg.norm(on - off, axis=1)
         limit = scale_for(distance)
         heat = Surface(on, rig.mesh.faces, lit=False, smooth=False, paint=error_colours(distance, limit))
-        draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+        draw = partial(render, camera=view, width=width, height=height)
         eyes = rig.default if exhibit.node == "head_shape" else params  # eyeballs are squashed with the head
         pictures += [draw(clay(rig, off, eyes)), draw(clay(rig, on, params)), draw([heat])]
         titles += [f"{exhibit.title}: off", "on", f"0–{limit:g} mm"]
@@ -146,12 +145,7 @@ def share_bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes") 
 
 
 def build_up(
-    rig: Rig,
-    amounts: Mapping[str, float],
-    width: int = 132,
-    height: int = 146,
-    columns: int = 7,
-    renderer: str | None = None,
+    rig: Rig, amounts: Mapping[str, float], width: int = 132, height: int = 146, columns: int = 7
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one pose after each node, starting with the neutral face.
 
@@ -159,7 +153,6 @@ def build_up(
     amounts: of the pose's controls
     width, height: of a picture, pixels
     columns: pictures in a row
-    renderer: as of `render`
     """
     params = pose_params(rig, amounts)
     view = camera_for("front", rig.mesh.neutral)
@@ -167,7 +160,7 @@ def build_up(
     for name, state in rig.node_steps(params[None]):
         vertices = np.asarray(state["x"])[0].T
         eyes = params if "shape" in state else rig.default  # eyeballs are squashed with the head
-        pictures.append(render(clay(rig, vertices, eyes), view, width, height, renderer=renderer))
+        pictures.append(render(clay(rig, vertices, eyes), view, width, height))
         titles.append("neutral" if name == "limit" else f"+ {name}")
     blank = np.full((height, width, 3), 255, np.uint8)
     pictures, titles = pictures + [blank] * (-len(pictures) % columns), titles + [""] * (-len(titles) % columns)
@@ -246,7 +239,7 @@ STEP = 4e-3  # of the control, for central differences
 
 def derivative_sheet(
     rig: Rig, control: str, poses: Mapping[str, Float[np.ndarray, " m"]], camera: str = "front", width: int = 230,
-    height: int = 250, renderer: str | None = None,
+    height: int = 250
 ) -> "tuple[matplotlib.figure.Figure, Words]":  # fmt: skip
     """Return (figure, words): |∂V/∂p| of one control in some poses, and its change from the first.
 
@@ -255,7 +248,6 @@ def derivative_sheet(
     poses: raw rig parameters by title
     camera: the view
     width, height: of a picture, pixels
-    renderer: as of `render`
     """
     names = [c.name for c in rig.controls]
     if control not in names:
@@ -274,7 +266,7 @@ def derivative_sheet(
         for params, speed in zip(poses.values(), speeds, strict=True):
             paint = error_colours(speed, limit)
             surface = Surface(rig(params), rig.mesh.faces, lit=False, smooth=False, paint=paint)
-            pictures[-1].append(render([surface], view, width, height, renderer=renderer))
+            pictures[-1].append(render([surface], view, width, height))
         titles.append([f"{title}{word}: 0–{limit:g} mm" for title in poses])
     largest, farthest = (
         ", ".join(f"{title} {speed.max():.1f}" for title, speed in zip(poses, speeds, strict=True))
@@ -305,7 +297,7 @@ SHOWN = 6  # poses that differ most
 ROOM = 1.15  # around a neutral head, for poses that stretch it
 
 
-def known_faces(rig: Rig, renderer: str | None = None) -> "tuple[matplotlib.figure.Figure, Words]":
+def known_faces(rig: Rig) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the segments on the neutral face, then that face and the poses that differ most."""
     mesh, width = rig.mesh, cell_width(COLUMNS)
     colours = np.array([DISTINCT[k % len(DISTINCT)] for k in range(len(mesh.segment_names))], np.uint8)
@@ -315,7 +307,7 @@ def known_faces(rig: Rig, renderer: str | None = None) -> "tuple[matplotlib.figu
     camera = camera_for("three_quarter", mesh.neutral)
     camera = replace(camera, height_mm=ROOM * camera.height_mm)
     cells = [
-        Cell(name.replace("_", " "), (render([surface], camera, width, round(TALL * width), renderer=renderer),))
+        Cell(name.replace("_", " "), (render([surface], camera, width, round(TALL * width)),))
         for name, surface in surfaces.items()
     ]
     return face_sheet(cells, COLUMNS), Words(

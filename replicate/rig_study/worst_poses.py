@@ -12,7 +12,7 @@ from replicate.drawing.marks import ringed
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import STUDIO, Camera, Surface, camera_for, following
+from replicate.drawing.scene import Camera, Surface, camera_for, following
 from replicate.geometry.mesh import Mesh
 from replicate.rig_study.mouth_contents import depths, find_mouth
 from replicate.rig_study.pose_health import Skin, worst
@@ -27,13 +27,12 @@ LEAST = {"flips": 1e-9, "through": 0.05}  # a pose below these gets no picture: 
 
 
 def worst_poses(
-    rig: Rig, sets: Sequence, width: int = 250, height: int = 270, renderer: str | None = None
+    rig: Rig, sets: Sequence, width: int = 250, height: int = 270
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the poses with most flipped triangles, then those whose teeth go furthest.
 
     sets: of poses, each with `kind`, `names` and `health`, as in the benchmark of poses
     width, height: of a picture, pixels
-    renderer: as of `render`
     """
     flips = _rank(sets, lambda health: health.flipped, "flips")
     deep = _rank(sets, lambda health: health.through.get("teeth", ()), "through")
@@ -44,7 +43,7 @@ def worst_poses(
         flipped = skin.flipped(vertices[None])[0]
         colours = _flip_colours(rig.mesh, skin, flipped)
         camera = following(camera_for("front", rig.mesh.neutral), rig.mesh.neutral, vertices)
-        picture = _picture(rig, params, vertices, colours, camera, width, height, renderer)
+        picture = _picture(rig, params, vertices, colours, camera, width, height)
         pictures.append(ringed(picture, vertices[skin.faces[flipped]].mean(1), camera, FLIP_COLOUR))
         titles.append(f"{name}: {100 * value:.2f} %")
     _fill(pictures, titles, width, height)
@@ -57,7 +56,7 @@ def worst_poses(
         colours[out[rig.mesh.faces].any(1)] = OUTSIDE
         camera = camera_for("mouth", rig.mesh.neutral)
         camera = following(camera, rig.mesh.neutral[mouth.points], vertices[mouth.points])
-        picture = _picture(rig, params, vertices, colours, camera, width, height, renderer)
+        picture = _picture(rig, params, vertices, colours, camera, width, height)
         pictures.append(ringed(picture, vertices[out], camera, OUTSIDE))
         titles.append(f"{name}: {value:.2f} mm")
     _fill(pictures, titles, width, height)
@@ -107,9 +106,9 @@ def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np
     return colours
 
 
-def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:
+def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int) -> np.ndarray:
     surfaces = [Surface(vertices, rig.mesh.faces, colours), *prop_surfaces(rig.pose_props(params))]
-    return render(surfaces, camera, width, height, BACKGROUND, renderer, STUDIO)
+    return render(surfaces, camera, width, height, BACKGROUND)
 
 
 def _fill(pictures: list, titles: list, width: int, height: int) -> None:

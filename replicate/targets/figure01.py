@@ -53,9 +53,7 @@ VIEWS = (("front", 1.2), ("forehead", 0.8))  # a camera, and its picture's heigh
 LINES = ("distance error", "normal error")
 
 
-def figure01(
-    record: PoseRecord, across: int | None = None, renderer: str | None = None
-) -> "tuple[matplotlib.figure.Figure, Words]":
+def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the record's pose, true and as predicted by the methods of `COLUMNS` that it has.
 
     across: the width of one picture, pixels; None for what fills the sheet.
@@ -66,8 +64,7 @@ def figure01(
     for method in shown:
         surfaces = clay_surfaces(record, method)
         pictures = tuple(
-            render(surfaces, view_of(record, name, 1 / tall), width, round(tall * width), renderer=renderer)
-            for name, tall in VIEWS
+            render(surfaces, view_of(record, name, 1 / tall), width, round(tall * width)) for name, tall in VIEWS
         )
         lines = ()
         if method != TRUTH:

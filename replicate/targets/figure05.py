@@ -53,7 +53,6 @@ def run(options: argparse.Namespace) -> None:
 
 POSES = 8
 FRAMES = 10
-LARGEST_BYTES = 95_000  # seven of these pictures, for four characters, make one notebook of less than 1 MB
 POSES_HEADER = ("pose", "sample", "control", "value", "lower", "upper")
 CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
 
@@ -64,7 +63,7 @@ def choose(count: int, generator: np.random.Generator) -> Int[np.ndarray, " k"]:
 
 
 def figure05(
-    rig: Rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248, renderer: str | None = None
+    rig: Rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): some poses of the training data, in clay.
 
@@ -74,7 +73,7 @@ def figure05(
     """
     posed = [_surfaces(rig, row) for row in params]
     view = _view_of_all(rig, posed, width / height)
-    pictures = [render(surfaces, view, width, height, renderer=renderer) for surfaces in posed]
+    pictures = [render(surfaces, view, width, height) for surfaces in posed]
     pictures += [np.full((height, width, 3), 255, np.uint8)] * (len(pictures) % 2)
     titles = [f"{k + 1}" if k < len(params) else "" for k in range(len(pictures))]
     half = len(pictures) // 2
@@ -102,7 +101,7 @@ def save_poses(rig: Rig, params: Float[np.ndarray, "k m"], samples: Int[np.ndarr
     samples: each pose's index in the training data.
     """
     figure, words = figure05(rig, params)
-    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
+    save_figure(figure, stem.with_suffix(".png"), words)
     lines = (
         (k + 1, samples[k], rig.controls[j].name, params[k, j], rig.lower[j], rig.upper[j])
         for k in range(len(params))
@@ -125,14 +124,12 @@ def shown_frames(clip: Clip, count: int = FRAMES) -> Int[np.ndarray, " count"]:
     return np.linspace(0, len(clip.values) - 1, count + 2)[1:-1].round().astype(int)
 
 
-def clip_strips(
-    rig: Rig, width: int = 122, height: int = 150, renderer: str | None = None
-) -> "tuple[matplotlib.figure.Figure, Words]":
+def clip_strips(rig: Rig, width: int = 122, height: int = 150) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
     kinds, titles, rate = clip_kinds(rig.clips or ()), [], frames_per_second(rig)
     posed = [[_surfaces(rig, clip.values[k]) for k in shown_frames(clip)] for clip in kinds.values()]
     view = _view_of_all(rig, [surfaces for strip in posed for surfaces in strip], width / height)
-    rows = [[render(surfaces, view, width, height, renderer=renderer) for surfaces in strip] for strip in posed]
+    rows = [[render(surfaces, view, width, height) for surfaces in strip] for strip in posed]
     for clip in kinds.values():
         frames = shown_frames(clip)
         titles.append([f"{k / rate:.1f} s" for k in frames])
@@ -158,7 +155,7 @@ def _surfaces(rig, params: Float[np.ndarray, " m"]) -> list[Surface]:
 def save_clips(rig: Rig, stem: Path) -> None:
     """Write the strips of a rig's clips as PNG, their words as JSON, and the frames shown as CSV."""
     figure, words = clip_strips(rig)
-    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
+    save_figure(figure, stem.with_suffix(".png"), words)
     lines = (
         (kind, clip.name, len(clip.values), k, k / frames_per_second(rig))
         for kind, clip in clip_kinds(rig.clips or ()).items()

@@ -129,7 +129,7 @@ def shown_segment(mesh: Mesh) -> Int[np.ndarray, " f"]:
 
 
 def figure07(
-    rig: Rig, rigid: Collection[int], name: str, across: int | None = None, renderer: str | None = None
+    rig: Rig, rigid: Collection[int], name: str, across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw the segments in colours and return (figure, words).
 
@@ -146,9 +146,7 @@ def figure07(
     if rigid:
         legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,}", RIGID))
     paint = np.array(colours, np.uint8)[shown_segment(mesh)]
-    figure = coloured_views(
-        rig, paint, [legend_panel(legend, "segments, and how many vertices each has")], across, renderer
-    )
+    figure = coloured_views(rig, paint, [legend_panel(legend, "segments, and how many vertices each has")], across)
     names = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
     whose = with_layout(name, mesh.segment_names)
     return figure, Words(

@@ -56,7 +56,6 @@ def run(options: argparse.Namespace) -> None:
 
 # Figure 8: the refinement segments (§3.3) in colours, the rest of the mesh in grey.
 
-LARGEST_BYTES = 125_000  # five of these pictures make a notebook of less than 1 MB
 HEADER = (
     "segment", "chart", "vertices", "parameters", "u_low", "u_high", "v_low", "v_high", "map_error_mm", "error_share",
     "colour",
@@ -106,12 +105,7 @@ def segment_lines(mesh: Mesh, segments: Sequence[Segment], errors: Float[np.ndar
 
 
 def figure08(
-    rig: Rig,
-    segments: Sequence[Segment],
-    errors: Float[np.ndarray, " n"],
-    name: str,
-    across: int | None = None,
-    renderer: str | None = None,
+    rig: Rig, segments: Sequence[Segment], errors: Float[np.ndarray, " n"], name: str, across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw the refinement segments on the head and in their charts, and return (figure, words).
 
@@ -132,7 +126,7 @@ def figure08(
     colours = refinement_colours(mesh, segments)
     charts = charts_in_rows(chart_panels(mesh, segments, colours))
     key = legend_panel(legend, "share of the maps' error in each square (and how many vertices it has)")
-    figure = coloured_views(rig, colours, [*charts, key], across, renderer)
+    figure = coloured_views(rig, colours, [*charts, key], across)
     parts = "; ".join(f"{percent(share)} in {in_words(name)}" for name, share in shares.items())
     return figure, Words(
         f"The character {whose}, mouth open, from the front, from three-quarters and close up into the mouth; "
@@ -163,7 +157,7 @@ def save_refinement_figure(rig: Rig, segments: Sequence[Segment], errors: Float[
     stem: "…/figure08_teen", which ends with the character's name.
     """
     figure, words = figure08(rig, segments, errors, stem.name.partition("_")[2])
-    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
+    save_figure(figure, stem.with_suffix(".png"), words)
     write_lines(stem.with_suffix(".csv"), HEADER, segment_lines(rig.mesh, segments, errors))
 
 

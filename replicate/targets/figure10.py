@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from replicate.cli.options import methods
 from replicate.cli.running import make
-from replicate.drawing.face_sheet import LARGEST_BYTES, Cell, cell_width, face_sheet
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.heatmap import middle_line, normal_bar, normal_heat, split_face
 from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.render import render
@@ -48,7 +48,7 @@ def draw(context: StageContext) -> None:
     for record in records.values():
         for camera in ("front", "forehead") if record.choice == FOLDED else ("front",):
             figure, words = figure10(record, context.config.limit_deg, camera)
-            save_figure(figure, context.out / f"{picture_name(record, camera)}.png", words, LARGEST_BYTES)
+            save_figure(figure, context.out / f"{picture_name(record, camera)}.png", words)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -64,11 +64,7 @@ LIMIT_DEG = 30.0
 
 
 def figure10(
-    record: PoseRecord,
-    limit_deg: float = LIMIT_DEG,
-    camera: str = "front",
-    across: int | None = None,
-    renderer: str | None = None,
+    record: PoseRecord, limit_deg: float = LIMIT_DEG, camera: str = "front", across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw every method's normal errors in one test pose and return (figure, words).
 
@@ -82,7 +78,7 @@ def figure10(
     width = across or cell_width(COLUMNS, names)
     height = round(TALL * width)
     view = view_of(record, camera, width / height)
-    draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+    draw = partial(render, camera=view, width=width, height=height)
     truth, cells, means = record.vertices[TRUTH], [Cell(panel_title(TRUTH), (draw(clay_surfaces(record, TRUTH)),))], {}
     for method in methods:
         vertices = record.vertices[method]

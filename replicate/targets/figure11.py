@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import angle_between, vertex_error
 from replicate.cli.running import make
-from replicate.drawing.face_sheet import LARGEST_BYTES, Cell, cell_width, face_sheet
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.marks import balls_in_front
 from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
@@ -54,7 +54,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 def draw(context: StageContext) -> None:
     """Draw the faces that some configurations of control points lead to (Fig. 11)."""
     figure, words = figure11(context.config, context.inputs, context.files)
-    save_figure(figure, context.out / f"figure11_{context.config.character}.png", words, LARGEST_BYTES)
+    save_figure(figure, context.out / f"figure11_{context.config.character}.png", words)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -82,7 +82,7 @@ LINES = ("distance", "normal error")
 
 
 def figure11(
-    settings: PosedPicture, inputs: Mapping[str, Path], files: Sequence[Path], renderer: str | None = None
+    settings: PosedPicture, inputs: Mapping[str, Path], files: Sequence[Path]
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a row for each configuration, the rig, then the approximations at the same parameters.
 
@@ -112,7 +112,6 @@ def figure11(
                 camera_for("front", rig.mesh.neutral),
                 width,
                 round(TALL * width),
-                renderer=renderer,
             )
             cells.append(Cell(title if k == 0 else "", (picture,), lines))
             if title != TITLE:

@@ -84,7 +84,6 @@ ALONE = 6  # bones shown one by one
 GOLDEN = 0.618034  # the turn of hue from one bone to the next, so that neighbours differ
 GAMMA = 2.2  # colours to this power are proportional to light
 PALE, DEEP = (236, 236, 232), (178, 24, 43)  # the colours of the weights 0 and 1
-DITHER = ("1_weights", "2_bones")  # pictures whose colours are mixtures
 
 
 def bone_colours(skin: Skin) -> UInt8[np.ndarray, "n 3"]:
@@ -102,7 +101,7 @@ def weight_colours(weights: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"]
 
 
 def weight_picture(
-    mesh: Mesh, skins: Mapping[int, Skin], width: int = 250, height: int = 290, renderer: str | None = None
+    mesh: Mesh, skins: Mapping[int, Skin], width: int = 250, height: int = 290
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw all weights at once for several numbers of bones, from the front and three-quarters; return (figure, words).
 
@@ -113,7 +112,7 @@ def weight_picture(
     counts = [bones for bones in WEIGHT_BONES if bones in skins] or sorted(skins)
     rows = []
     for view in ("front", "three_quarter"):
-        draw = partial(render, camera=camera_for(view, mesh.neutral), width=width, height=height, renderer=renderer)
+        draw = partial(render, camera=camera_for(view, mesh.neutral), width=width, height=height)
         rows.append([draw([Surface(mesh.neutral, mesh.faces, paint=bone_colours(skins[b]))]) for b in counts])
     in_words = ", ".join(map(str, counts))
     return panel_grid(rows, [f"{bones} bones" for bones in counts]), Words(
@@ -124,12 +123,7 @@ def weight_picture(
 
 
 def one_by_one(
-    mesh: Mesh,
-    skin: Skin,
-    poses: Float[np.ndarray, "b n 3"],
-    width: int = 190,
-    height: int = 222,
-    renderer: str | None = None,
+    mesh: Mesh, skin: Skin, poses: Float[np.ndarray, "b n 3"], width: int = 190, height: int = 222
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw the bones that move the most skin, each alone, with how far it goes; return (figure, words).
 
@@ -141,7 +135,7 @@ def one_by_one(
     dense = skin.dense_weights()
     reach = (dense**2).sum(0) * (shift + 30 * turn)  # a turn moves what lies some 30 mm away
     bones = np.argsort(-reach, kind="stable")[:ALONE]
-    draw = partial(render, camera=camera_for("front", mesh.neutral), width=width, height=height, renderer=renderer)
+    draw = partial(render, camera=camera_for("front", mesh.neutral), width=width, height=height)
     pictures = [draw([Surface(mesh.neutral, mesh.faces, paint=weight_colours(dense[:, b]))]) for b in bones]
     titles = [f"{np.degrees(turn[b]):.1f}°, {shift[b]:.1f} mm" for b in bones]
     in_words = "; ".join(
@@ -161,7 +155,6 @@ def wrinkle_picture(
     limit_deg: float,
     width: int = 232,
     height: int = 270,
-    renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw one wrinkled pose as skins of more and more bones approximate it; return (figure, words).
 
@@ -174,7 +167,7 @@ def wrinkle_picture(
     counts = [bones for bones in WRINKLE_BONES if bones in skins] or sorted(skins)
     posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in counts}
     view = forehead_camera(mesh.neutral, mesh.faces, truth)
-    draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+    draw = partial(render, camera=view, width=width, height=height)
     clay = [draw([Surface(vertices, mesh.faces)]) for vertices in (truth, *posed.values())]
     heat = [draw([normal_heat(vertices, truth, mesh.faces, limit_deg)]) for vertices in (truth, *posed.values())]
     means = {b: float(np.nanmean(normal_error(vertices, truth, mesh.faces))) for b, vertices in posed.items()}
@@ -280,7 +273,7 @@ def save_all(
         "4_wrinkles": wrinkle_picture(mesh, skins, wrinkle_pose, limit_deg),
     }
     for name, (figure, words) in pictures.items():
-        save_figure(figure, stem.with_name(f"{stem.name}_{name}.png"), words, dither=name in DITHER)
+        save_figure(figure, stem.with_name(f"{stem.name}_{name}.png"), words)
 
 
 def lbs_table(file: Path, character: str) -> Table:

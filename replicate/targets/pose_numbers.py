@@ -5,7 +5,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from replicate.base.paths import display_path
-from replicate.drawing.face_sheet import LARGEST_BYTES
 from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method_registry import in_order, method_named
@@ -251,5 +250,5 @@ def save_folded_pose(context: StageContext, figure_of: Callable[[PoseRecord], tu
     """
     records = load_records(context.config.character, context.inputs)
     figure, words = figure_of(records[FOLDED])
-    save_figure(figure, context.out / f"{context.name}_{context.config.character}.png", words, LARGEST_BYTES)
+    save_figure(figure, context.out / f"{context.name}_{context.config.character}.png", words)
     save_rows(context, records)

@@ -12,11 +12,12 @@ from data_recipes.rig import Rig, has_function
 from replicate.base import paths
 from replicate.cli.options import characters
 from replicate.drawing.characters import BACKGROUND, character_surfaces, expression_sheet
+from replicate.drawing.light import PORTRAIT
 from replicate.drawing.marks import quad_edges, wireframe
-from replicate.drawing.panels import DPI, FULL_COLOUR, GAP, MARGIN, TITLE, Words, panel_grid, save_figure
+from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid, save_figure
 from replicate.drawing.prop_surfaces import prop_surfaces
-from replicate.drawing.render import portrait, render
-from replicate.drawing.scene import STUDIO, Surface, camera_for, frame_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import Surface, camera_for, frame_surfaces
 from replicate.methods import artefacts
 from replicate.report.publication import results_folder
 
@@ -41,24 +42,24 @@ EXPRESSIONS = (
 COLUMNS = 6
 
 
-def draw_sheets(rig: Rig, folder: Path, renderer: str | None = None) -> list[Path]:
+def draw_sheets(rig: Rig, folder: Path) -> list[Path]:
     """Draw a rig's two sheets into a folder and return the files. rig: any that keeps the Rig contract."""
     poses = expression_poses(rig)
     names = EXPRESSIONS if has_function(rig) else poses
     selection = {name: poses[name] for name in names if name in poses}
     sheets = {
-        "sheet": rig_sheet(rig, renderer=renderer),
-        "expressions": expression_sheet(rig, selection, COLUMNS, width=240, height=262, renderer=renderer),
+        "sheet": rig_sheet(rig),
+        "expressions": expression_sheet(rig, selection, COLUMNS, width=240, height=262),
     }
     for kind, (figure, words) in sheets.items():
-        save_figure(figure, folder / f"{rig.name}_{kind}.png", words, FULL_COLOUR)
+        save_figure(figure, folder / f"{rig.name}_{kind}.png", words)
     return [folder / f"{rig.name}_{kind}.png" for kind in sheets]
 
 
-def draw_line_up(rigs: Sequence, folder: Path, renderer: str | None = None) -> Path:
+def draw_line_up(rigs: Sequence, folder: Path) -> Path:
     """Draw the rigs side by side into a folder and return the file."""
-    figure, words = line_up(rigs, renderer=renderer)
-    save_figure(figure, folder / "characters.png", words, FULL_COLOUR)
+    figure, words = line_up(rigs)
+    save_figure(figure, folder / "characters.png", words)
     return folder / "characters.png"
 
 
@@ -74,9 +75,7 @@ def chart_names(rig: Rig) -> list[str]:
     return [name for name in rig.mesh.segment_names if not name.startswith(("tooth", "teeth"))]
 
 
-def rig_sheet(
-    rig: Rig, width: int = 310, height: int = 340, renderer: str | None = None
-) -> "tuple[matplotlib.figure.Figure, Words]":
+def rig_sheet(rig: Rig, width: int = 310, height: int = 340) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw a rig from three sides and as a wireframe, and below them each segment's chart; return (figure, words).
 
     rig: any that keeps the Rig contract. width, height: the size of one picture, pixels.
@@ -84,7 +83,7 @@ def rig_sheet(
     from matplotlib.figure import Figure
     from matplotlib.textpath import TextPath
 
-    pictures, names = _pictures(rig, width, height, renderer), chart_names(rig)
+    pictures, names = _pictures(rig, width, height), chart_names(rig)
     total_width = 2 * MARGIN + len(pictures) * (width + GAP) - GAP
     columns = max(4, -(-len(names) // 2))
     side = (total_width - 2 * MARGIN + GAP) // columns - GAP
@@ -120,11 +119,9 @@ def rig_sheet(
     )
 
 
-def line_up(
-    rigs: Sequence, width: int = 300, height: int = 330, renderer: str | None = None
-) -> "tuple[matplotlib.figure.Figure, Words]":
+def line_up(rigs: Sequence, width: int = 300, height: int = 330) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the rigs side by side at rest, from the front and from three quarters."""
-    rows = [[_portrait(rig, view, width, height, renderer) for rig in rigs] for view in ("front", "three_quarter")]
+    rows = [[_portrait(rig, view, width, height) for rig in rigs] for view in ("front", "three_quarter")]
     words = ", ".join(rig.name for rig in rigs)
     kind = ", procedural heads" if all(map(has_function, rigs)) else ""
     return panel_grid(rows, [rig.name for rig in rigs]), Words(
@@ -133,21 +130,21 @@ def line_up(
     )
 
 
-def _portrait(rig, view: str, width: int, height: int, renderer) -> np.ndarray:
+def _portrait(rig, view: str, width: int, height: int) -> np.ndarray:
     camera = camera_for(view, rig.mesh.neutral)
     camera = frame_surfaces(camera, character_surfaces(rig, rig.default), width / height)
     surfaces = character_surfaces(rig, rig.default, camera)
-    return portrait(surfaces, camera, width, height, BACKGROUND, renderer)
+    return render(surfaces, camera, width, height, BACKGROUND, PORTRAIT)
 
 
-def _pictures(rig, width: int, height: int, renderer) -> dict[str, np.ndarray]:
-    pictures = {view.replace("_", "-"): _portrait(rig, view, width, height, renderer) for view in VIEWS}
+def _pictures(rig, width: int, height: int) -> dict[str, np.ndarray]:
+    pictures = {view.replace("_", "-"): _portrait(rig, view, width, height) for view in VIEWS}
     mesh, neutral = rig.mesh, rig(rig.default)
     props = rig.pose_props(rig.default)
     clay = [Surface(neutral, mesh.faces), *prop_surfaces([prop for prop in props if prop[0].startswith("eye")])]
     camera = frame_surfaces(camera_for("three_quarter", mesh.neutral), clay[:1], width / height)
     lines = wireframe(neutral, mesh.faces, camera)
-    pictures["wireframe"] = render([*clay, lines], camera, width, height, BACKGROUND, renderer, STUDIO)
+    pictures["wireframe"] = render([*clay, lines], camera, width, height, BACKGROUND)
     return pictures
 
 

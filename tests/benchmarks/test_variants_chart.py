@@ -79,7 +79,7 @@ def test_rigid_segments_are_gray_and_regions_have_a_colour_each(rig):
 def test_the_figure_says_what_it_shows(rig):
     rigid = np.zeros(len(rig.mesh.segment_names), bool)
     config = RegionalConfig(regions=3, components=7, hidden=(20, 10))
-    figure, words = regional_figure(rig, rigid, config, "tiny", renderer="software")
+    figure, words = regional_figure(rig, rigid, config, "tiny")
     texts = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert {"for each of the 3 regions $r$:", "$c_r$: 7\ncoefficients"} <= texts
     assert {"gated layer\n20", "gated layer\n10"} <= texts

@@ -34,7 +34,7 @@ def test_an_expression_sheet_shows_every_pose_with_its_title_and_props(record):
 
     rig = Rig(name="plate", mesh=mesh, controls=[None])
     poses = {"rest": np.zeros(1), "left": np.full(1, -30.0), "right": np.full(1, 30.0)}
-    figure, words = expression_sheet(rig, poses, columns=2, width=60, height=50, renderer="software")
+    figure, words = expression_sheet(rig, poses, columns=2, width=60, height=50)
     pictures = [axes.images[0].get_array() for axes in figure.axes]
     assert [text.get_text() for text in figure.texts] == ["rest", "left", "right", ""]
     assert len(pictures) == 4 and (pictures[3] == 255).all()

@@ -32,7 +32,7 @@ def test_panels_are_drawn_pixel_for_pixel(tmp_path):
 
 
 def test_a_saved_figure_is_small_has_a_palette_white_paper_and_its_words(tmp_path, record):
-    figure, words = figure10(record, across=200, renderer="software")
+    figure, words = figure10(record, across=200)
     save_figure(figure, tmp_path / "f.png", words)
     image = Image.open(tmp_path / "f.png")
     assert image.mode == "P" and (tmp_path / "f.png").stat().st_size < 300_000
@@ -84,6 +84,6 @@ def test_mixtures_of_many_hues_show_no_bands_where_palette_colours_are_mixed(tmp
 
 def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
     for name in ("a.png", "b.png"):
-        figure, words = figure10(record, across=60, renderer="software")
+        figure, words = figure10(record, across=60)
         save_figure(figure, tmp_path / name, words)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

@@ -61,10 +61,10 @@ def test_what_differs_in_anything_is_another_picture(other):
 
 
 def test_a_shared_rendering_is_the_rendering():
-    alone = render([SQUARE], VIEW, 40, 30, renderer="software")
+    alone = render([SQUARE], VIEW, 40, 30)
     with shared_pictures():
         for _ in range(2):
-            assert np.array_equal(render([SQUARE], VIEW, 40, 30, renderer="software"), alone)
+            assert np.array_equal(render([SQUARE], VIEW, 40, 30), alone)
         assert len(os.listdir(os.environ[PLACE])) == 1
 
 

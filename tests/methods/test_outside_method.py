@@ -76,7 +76,7 @@ def test_it_is_labelled_and_drawn_with_a_heatmap(runs, monkeypatch):
     assert method_named("nearest").label == "Nearest pose"
     record = load_pose(runs / "results" / "quick" / "table2_tiny_pose.npz")
     assert np.abs(record.vertices["nearest"] - record.neutral).max() > 1
-    _, words = figure10(record, across=24, renderer="software")
+    _, words = figure10(record, across=24)
     assert "Nearest pose" in words.alt
 
 

@@ -114,7 +114,7 @@ def test_a_table_shows_a_name_and_keeps_its_cells(pages, name):
 def test_figure_10_names_a_hostile_region_in_its_caption(pages, name):
     record = bumpy_plate()
     named = replace(record, character=name, region_names=(name, *record.region_names[1:]))
-    figure, words = figure10(named, across=24, renderer="software")
+    figure, words = figure10(named, across=24)
     assert name in words.caption
     for page in pages(notebooks.show, figure, words):
         assert set(page.tags) <= allowed(name)

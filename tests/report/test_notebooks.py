@@ -255,7 +255,7 @@ def test_a_notebook_is_stale_when_its_own_results_change_and_not_when_others_do(
 
 
 def test_figures_of_a_folder_have_names_of_their_own(folder):
-    names = [name for name, _, _ in table2_figures(open_table2(folder), "teen", 10.0, renderer="software")]
+    names = [name for name, _, _ in table2_figures(open_table2(folder), "teen", 10.0)]
     assert len(set(names)) == 6 and all("teen" in name for name in names)
     assert tuple(names) == table2_figure_names(open_table2(folder), "teen")
 

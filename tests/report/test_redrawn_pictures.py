@@ -37,7 +37,7 @@ def reference(tmp_path, monkeypatch):
 
 
 def test_pictures_are_drawn_and_their_entries_say_by_which_commit(reference):
-    files = pictures.redraw(["teen"], renderer="software")
+    files = pictures.redraw(["teen"])
     names = ["table2_teen_chart", "figure10_teen", "figure09_teen", "table2_teen_curves", "figure10_teen_forehead"]
     assert [file.stem for file in files] == [*names, "bench_roofline_teen", "figure09", "figure10"]
     assert all(file.stat().st_size > 500 and file.with_suffix(".json").is_file() for file in files[:-2])

@@ -36,7 +36,7 @@ def test_the_example_is_a_folder_that_is_read_back_and_is_written_once(sheet, tm
 
 
 def test_the_picture_has_the_segments_in_colours_and_poses_that_differ(sheet):
-    figure, words = known_faces(sheet, renderer="software")
+    figure, words = known_faces(sheet)
     pictures = [image.get_array() for axes in figure.axes for image in axes.get_images()]
     assert len(pictures) == SHOWN + 2, "segments, the neutral face and the poses"
     first, rest, *posed = (np.asarray(picture, int) for picture in pictures)

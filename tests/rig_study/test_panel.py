@@ -25,7 +25,7 @@ from replicate.rig_study.tour import (
 )
 
 FOLDED = {**BROWS_UP, **SMILE, "chin_raise": 1.0}
-SMALL = {"width": 60, "height": 66, "renderer": "software"}
+SMALL = {"width": 60, "height": 66}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def tiny():
 
 @pytest.fixture
 def panel(tiny):
-    return control_panel(tiny, 96, 104, renderer="software")
+    return control_panel(tiny, 96, 104)
 
 
 def test_a_slider_changes_the_picture_and_reset_restores_it(panel):

@@ -17,7 +17,7 @@ def record() -> PoseRecord:
 
 
 def test_figure_9_shows_the_methods_that_there_are(record):
-    figure, words = figure09(record, across=160, renderer="software")
+    figure, words = figure09(record, across=160)
     error = normal_error(record.vertices["coarse"], record.vertices["truth"], record.faces)[record.region == 0].mean()
     assert [text for text in texts_of(figure) if text] == ["Ground truth", "Coarse", f"forehead: {error:.2f}°"]
     assert f"Ground truth, Coarse {error:.2f}°." in words.alt
@@ -26,6 +26,6 @@ def test_figure_9_shows_the_methods_that_there_are(record):
 def test_the_words_point_at_creases_only_where_the_pose_folds_the_forehead(record):
     smooth = replace(record, neutral=record.vertices["truth"])
     assert fold_change_deg(smooth) == 0.0 and fold_change_deg(record) > CREASED_DEG
-    creased, plain = (figure09(each, across=40, renderer="software")[1].caption for each in (record, smooth))
+    creased, plain = (figure09(each, across=40)[1].caption for each in (record, smooth))
     assert "Look at the creases" in creased
     assert "creases" not in plain and "has no wrinkles" in plain and "test pose 7 of teen" in plain

@@ -19,7 +19,7 @@ def record() -> PoseRecord:
 
 
 def test_figure_10_halves_each_methods_face_into_surface_and_heat_on_one_scale(record):
-    figure, _ = figure10(record, 10.0, across=60, renderer="software")
+    figure, _ = figure10(record, 10.0, across=60)
     truth, coarse, dense = pictures_of(figure)
     exact, limit = (error_colours(np.float32([error]), 10.0)[0] for error in (0, 10))
     assert np.ptp(truth.astype(int), axis=-1).max() < 20, "clay is grey, heat is not"
@@ -32,7 +32,7 @@ def test_figure_10_halves_each_methods_face_into_surface_and_heat_on_one_scale(r
 
 
 def test_figure_10_prints_the_mean_of_the_mesh_and_of_each_region_below_each_face(record):
-    figure, words = figure10(record, 10.0, across=60, renderer="software")
+    figure, words = figure10(record, 10.0, across=60)
     texts = texts_of(figure)
     rows = ["whole mesh", "forehead", "mouth"]
     assert [name for name in texts if name in rows] == rows
@@ -51,7 +51,7 @@ def test_figure_10_prints_the_mean_of_the_mesh_and_of_each_region_below_each_fac
 def test_figure_10_breaks_many_methods_into_rows_of_five(record):
     names = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32", "linear")
     many = replace(record, vertices={"truth": record.vertices["truth"]} | dict.fromkeys(names, record.neutral))
-    figure, _ = figure10(many, across=40, renderer="software")
+    figure, _ = figure10(many, across=40)
     places = [axes.get_position() for axes in figure.axes if axes.images]
     tops = [round(place.y1, 3) for place in places]
     assert [tops.count(top) for top in dict.fromkeys(tops)] == [3, 5], "so that LBS stands in one row"
@@ -61,11 +61,11 @@ def test_figure_10_breaks_many_methods_into_rows_of_five(record):
 
 def test_captions_say_by_which_rule_a_pose_was_chosen(record):
     records = [record, *(replace(record, choice=rule, ranked_by="refined") for rule in ("median", "worst"))]
-    captions = [figure10(one, across=24, renderer="software")[1].caption for one in records]
+    captions = [figure10(one, across=24)[1].caption for one in records]
     assert "the median of the mean normal errors of “Refined”" in captions[1]
     assert "the largest mean normal error of “Refined”" in captions[2]
     assert [picture_name(one) for one in records] == ["figure10_teen", "figure10_teen_median", "figure10_teen_worst"]
-    close = figure10(record, camera="forehead", across=24, renderer="software")[1].caption
+    close = figure10(record, camera="forehead", across=24)[1].caption
     assert close.startswith("Close up on the forehead, test pose 7") and len({*captions, close}) == 4
     assert picture_name(record, "forehead") == "figure10_teen_forehead"
 
@@ -73,5 +73,5 @@ def test_captions_say_by_which_rule_a_pose_was_chosen(record):
 def test_a_close_up_of_the_forehead_says_nothing_of_regions_that_it_does_not_show(record):
     rough = record.vertices["truth"] + np.float32([0, 0, 3]) * (record.neutral[:, 1:2] < 0) * record.neutral[:, :1] % 7
     mouth = replace(record, vertices={"truth": record.vertices["truth"], "coarse": np.float32(rough)})
-    whole, close = (figure10(mouth, camera=c, across=24, renderer="software")[1].caption for c in ("front", "forehead"))
+    whole, close = (figure10(mouth, camera=c, across=24)[1].caption for c in ("front", "forehead"))
     assert "farthest off at the mouth" in whole and "farthest off" not in close

@@ -83,7 +83,7 @@ def test_the_shown_pose_has_the_errors_that_its_vertices_have(inputs):
 
 
 def test_the_figure_has_a_row_of_meshes_each_and_rows_of_the_same_numbers(inputs, tmp_path, monkeypatch):
-    monkeypatch.setattr(figure13_shown, "render", partial(render, renderer="software"))
+    monkeypatch.setattr(figure13_shown, "render", partial(render))
     monkeypatch.setattr(figure13_shown, "cell_width", lambda *_: 40)
     monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda _: TheSmallFace())
     settings = target.TransferPicture("tiny", "quick")
@@ -141,7 +141,7 @@ def test_other_faces_are_measured_against_their_rigs_where_controls_have_the_sam
     assert set(distance) == set(WAYS) and distance["deformation_transfer"] < 0.01 < distance["neutral"]
     assert distance["coarse"] == pytest.approx(distance["coarse_carried"], rel=0.01)
     assert moved.load_other_means(folders["onto_stranger"]) == []
-    monkeypatch.setattr(figure13_shown, "render", partial(render, renderer="software"))
+    monkeypatch.setattr(figure13_shown, "render", partial(render))
     _, words = figure13_shown.sheet_of_others("tiny", folders, {n: folders[f"onto_{n}"] for n in OTHERS}, 40)
     assert "twice: 12 landmarks, scale 2.00, 12 controls" in words.caption
     assert "no control of the same name" in words.caption.split("stranger:")[1]

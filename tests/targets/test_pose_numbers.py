@@ -60,7 +60,7 @@ def test_figure_1_draws_the_distances_and_normal_errors_of_its_rows(records):
 
 def test_figure_9_draws_the_foreheads_errors_of_its_rows(records):
     own = values(rows_in("figure09", records))
-    figure, words = figure09(records["folded"], across=40, renderer="software")
+    figure, words = figure09(records["folded"], across=40)
     degrees = {method: value for (method, metric), value in own.items() if metric.startswith("normal_error")}
     assert list(degrees) == ["refined", "lbs32", "coarse"]
     assert [text for text in texts_of(figure) if "°" in text] == [f"forehead: {mean:.2f}°" for mean in degrees.values()]
@@ -73,7 +73,7 @@ def test_figure_9_draws_the_foreheads_errors_of_its_rows(records):
 @pytest.mark.parametrize("choice", CHOICES)
 def test_figure_10_draws_the_errors_of_its_rows_in_every_pose_and_region(records, choice):
     own = values(rows_in("figure10", records))
-    figure, words = figure10(records[choice], 10.0, across=40, renderer="software")
+    figure, words = figure10(records[choice], 10.0, across=40)
     drawn = [text for text in texts_of(figure) if text.endswith("°")]
     shown = [f"{value:.2f}°" for (_, metric), value in own.items() if f"error_mean[{choice}]" in metric]
     assert sorted(drawn) == sorted(shown) and len(set(drawn)) >= 6

@@ -22,7 +22,7 @@ def measurements(count: int) -> tuple[Mesh, Measurements]:
 
 
 def test_the_strongest_pairs_are_shown_by_their_names_and_everything_in_a_columns_letters():
-    figure, words = report_figure(*measurements(10), renderer="software")
+    figure, words = report_figure(*measurements(10))
     axes = {each.get_title(): each for each in figure.axes}["Which controls interact most"]
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names == ["jaw open\n× smile L"] * PAIRS and len(axes.patches) == PAIRS < 10

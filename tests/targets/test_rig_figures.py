@@ -221,7 +221,7 @@ def test_a_strip_is_drawn_of_the_first_clip_of_each_kind(rig, tmp_path):
     }  # fmt: skip
     frames = shown_frames(kinds["dialogue"])
     assert len(frames) == 10 and frames[0] > 0 and frames[-1] < 47 and (np.diff(frames) >= 4).all()
-    figure, words = clip_strips(rig, width=30, height=30, renderer="software")
+    figure, words = clip_strips(rig, width=30, height=30)
     assert sum(bool(axes.images) for axes in figure.axes) == 30 and "4 clips in all" in words.caption
     save_clips(rig, tmp_path / "figure05_plate_clips")
     lines = read_lines(tmp_path / "figure05_plate_clips.csv", figure05.CLIPS_HEADER)

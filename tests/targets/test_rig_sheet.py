@@ -44,7 +44,7 @@ def rig():
 
 
 def test_a_sheet_has_three_views_a_wireframe_and_a_chart_for_each_deformable_segment(rig):
-    figure, words = rig_sheet(rig, 60, 66, renderer="software")
+    figure, words = rig_sheet(rig, 60, 66)
     titles = [text.get_text() for text in figure.texts]
     assert titles == ["front", "three-quarter", "side", "wireframe", "face  8", "crown  8"]
     assert [bool(axes.images) for axes in figure.axes] == [True] * 4 + [False] * 2
@@ -59,7 +59,7 @@ def test_panels_of_a_sheet_do_not_overlap_however_many_charts_there_are(rig):
     names = tuple(f"part_{k:02d}" for k in range(19))
     mesh = rig.mesh
     rig.mesh = SimpleNamespace(**vars(mesh) | {"segment_names": names})  # some of them hold no vertex
-    figure, _ = rig_sheet(rig, 60, 66, renderer="software")
+    figure, _ = rig_sheet(rig, 60, 66)
     boxes = [axes.get_position() for axes in figure.axes]
     assert len(boxes) == 4 + 19
     for k, one in enumerate(boxes):
@@ -73,7 +73,7 @@ def test_panels_of_a_sheet_do_not_overlap_however_many_charts_there_are(rig):
 def test_titles_are_no_wider_than_what_they_stand_over(rig):
     names = tuple(f"gums_and_tongue_{k:02d}" for k in range(19))
     rig.mesh = SimpleNamespace(**vars(rig.mesh) | {"segment_names": names})
-    figure, _ = rig_sheet(rig, 310, 340, renderer="software")
+    figure, _ = rig_sheet(rig, 310, 340)
     renderer = FigureCanvasAgg(figure).get_renderer()
     for axes, title in zip(figure.axes, figure.texts, strict=True):
         box, words = axes.get_window_extent(renderer), title.get_window_extent(renderer)
@@ -81,7 +81,7 @@ def test_titles_are_no_wider_than_what_they_stand_over(rig):
 
 
 def test_a_line_up_shows_every_rig_twice_in_its_paint(rig):
-    figure, words = line_up([rig, rig], 60, 66, renderer="software")
+    figure, words = line_up([rig, rig], 60, 66)
     pictures = [axes.images[0].get_array() for axes in figure.axes]
     assert len(pictures) == 4 and "2 characters" in words.alt
     for picture in pictures:

@@ -35,10 +35,7 @@ CREASED_DEG = 2.0  # the mean change of a fold from which one sees creases; rigs
 
 
 def figure09(
-    record: PoseRecord,
-    methods: Sequence[str] = COLUMNS,
-    across: int | None = None,
-    renderer: str | None = None,
+    record: PoseRecord, methods: Sequence[str] = COLUMNS, across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the record's pose from the forehead camera, once for each of `methods` that it has.
 
@@ -50,7 +47,7 @@ def figure09(
     region = REGION if REGION in record.region_names else WHOLE
     cells, phrases = [], []
     for method in shown:
-        picture = render(clay_surfaces(record, method), view, width, round(TALL * width), renderer=renderer)
+        picture = render(clay_surfaces(record, method), view, width, round(TALL * width))
         error = "" if method == TRUTH else f"{normal_means_deg(record, method)[region]:.2f}°"
         cells.append(Cell(panel_title(method), (picture,), (f"{region}: {error}" if error else "",)))
         phrases.append(f"{plain_name(method)} {error}".strip())

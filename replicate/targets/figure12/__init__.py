@@ -9,7 +9,6 @@ from replicate.base.paths import display_path
 from replicate.capture import landmark_rig
 from replicate.cli.options import methods
 from replicate.cli.running import make
-from replicate.drawing.face_sheet import LARGEST_BYTES
 from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
@@ -78,9 +77,9 @@ def draw(context: StageContext) -> None:
     rows = capture_rows(trial, context.inputs, every, context.progress)
     write_results(context.out / "figure12.csv", rows)
     figure, words = figure12(trial, context.inputs, every[0])
-    save_figure(figure, context.out / f"{stem}.png", words, LARGEST_BYTES, dither=True)
+    save_figure(figure, context.out / f"{stem}.png", words)
     figure, words = noise_curves(trial, rows)
-    save_figure(figure, context.out / f"{stem}_noise.png", words, LARGEST_BYTES)
+    save_figure(figure, context.out / f"{stem}_noise.png", words)
 
 
 def run(options: argparse.Namespace) -> None:

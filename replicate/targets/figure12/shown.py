@@ -136,7 +136,7 @@ def _cell(row: Row | None, metric: str, unit: str) -> str:
 
 
 def figure12(
-    trial: CaptureTrial, inputs: Mapping[str, Path], driver: Driver, renderer: str | None = None
+    trial: CaptureTrial, inputs: Mapping[str, Path], driver: Driver
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): for each actor a row of its frames and a row of the character that it drives.
 
@@ -153,7 +153,7 @@ def figure12(
         params = np.clip(driver.solve(targets[shown]), rig.lower, rig.upper).astype(np.float32)
         apart = np.linalg.norm((driver.face(params)[:, rig.control_points] - targets[shown])[..., :2], axis=-1).mean(1)
         for k, (frame, picture) in enumerate(zip(shown, acted.pictures, strict=True)):
-            driven = face_picture(driver.face, params[k], camera, width, height, renderer)
+            driven = face_picture(driver.face, params[k], camera, width, height)
             cells.append(Cell(f"{actor}, {frame}", (picture, driven), (f"{apart[k]:.1f} mm",)))
         parts.append(f"{actor} acts, scale {scale:.2g}, {apart.mean():.2f} mm")
     label, actors = method_named(driver.name).label.lower(), " and then ".join(trial.actors)

@@ -71,11 +71,7 @@ def shown_meshes(inputs: Mapping[str, Path]) -> dict[str, ShownMesh]:
 
 
 def figure13(
-    character: str,
-    shown: Mapping[str, ShownMesh],
-    means: Sequence[Mean],
-    across: int | None = None,
-    renderer: str | None = None,
+    character: str, shown: Mapping[str, ShownMesh], means: Sequence[Mean], across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Draw the head, and the mouth close up with its triangles, for each mesh and way; return (figure, words).
 
@@ -92,18 +88,18 @@ def figure13(
             count = len(np.unique(shown[mesh].faces))
             title = f"{title}: {count:,} vertices" if way == TRUTH else title
             lines = () if way == TRUTH else _errors(shown[mesh], way)
-            cells.append(Cell(title, _pictures(shown[mesh], way, original, width, renderer), lines))
+            cells.append(Cell(title, _pictures(shown[mesh], way, original, width), lines))
     return face_sheet(cells, columns, LINES), _words(character, shown, means)
 
 
-def _pictures(mesh: ShownMesh, way: str, original: ShownMesh, width: int, renderer: str | None) -> tuple:
+def _pictures(mesh: ShownMesh, way: str, original: ShownMesh, width: int) -> tuple:
     vertices = mesh.vertices[way]
     surfaces = [Surface(vertices, mesh.faces), *prop_surfaces(carry_props(mesh.props, mesh.vertices[TRUTH], vertices))]
     head, close = _head(original, 1 / HEAD), camera_for("mouth", original.neutral)
     ribbons = wireframe(vertices, mesh.faces, close, RIBBON_MM)
     return (
-        render(surfaces, head, width, round(HEAD * width), renderer=renderer),
-        render([*surfaces, ribbons], close, width, round(CLOSE * width), renderer=renderer),
+        render(surfaces, head, width, round(HEAD * width)),
+        render([*surfaces, ribbons], close, width, round(CLOSE * width)),
     )
 
 

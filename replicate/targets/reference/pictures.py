@@ -20,7 +20,6 @@ from replicate.base.exceptions import InputError
 from replicate.benchmarks.bench_ladder import ladder_figure
 from replicate.benchmarks.bench_roofline import roofline_figure
 from replicate.benchmarks.common import merge
-from replicate.drawing.face_sheet import LARGEST_BYTES
 from replicate.drawing.panels import save_figure
 from replicate.engine.provenance import git_state
 from replicate.report import manifest
@@ -37,7 +36,7 @@ CHARTS = ("bench_ladder", "bench_roofline")  # benchmarks whose charts are drawn
 OF_A_POSE = ("figure01", "figure09", "figure10")  # targets whose pictures are drawn from Table 2's poses
 
 
-def redraw(characters: Collection[str], renderer: str | None = None) -> list[Path]:
+def redraw(characters: Collection[str]) -> list[Path]:
     """Draw the pictures of some characters anew from the committed results, and return their files.
 
     Raises InputError, before it draws anything, for a tree with changes: no commit would say how they were drawn.
@@ -45,7 +44,7 @@ def redraw(characters: Collection[str], renderer: str | None = None) -> list[Pat
     state = git_state()
     if not (state and state["clean"]):
         raise InputError("the tree has changes: commit them, so that the manifest can say what drew the pictures")
-    files = [*_of_table2(characters, renderer), *_charts(characters), *put_numbers(characters)]
+    files = [*_of_table2(characters), *_charts(characters), *put_numbers(characters)]
     for target in (manifest.TOP, *OF_A_POSE, *CHARTS):
         entries = manifest.entries(paths.REFERENCE, target)
         for name in entries:
@@ -97,20 +96,20 @@ def _entry_of_poses(figure: str, character: str, facts: dict, earlier: dict) -> 
     }
 
 
-def _of_table2(characters: Collection[str], renderer: str | None) -> list[Path]:
+def _of_table2(characters: Collection[str]) -> list[Path]:
     results, files = open_table2(paths.REFERENCE), []
     for character in results.characters:
         if character in characters and character in results.poses:  # a face from elsewhere has no committed meshes
-            figures = list(table2_figures(results, character, LIMIT_DEG, renderer))
+            figures = list(table2_figures(results, character, LIMIT_DEG))
             record = results.poses[character][FOLDED]
             close = picture_name(record, "forehead")
             if (paths.REFERENCE / f"{close}.png").is_file():
-                figures.append((close, *figure10(record, LIMIT_DEG, "forehead", renderer=renderer)))
+                figures.append((close, *figure10(record, LIMIT_DEG, "forehead")))
             if (paths.REFERENCE / f"figure01_{character}.png").is_file():
-                figures.append((f"figure01_{character}", *figure01(record, renderer=renderer)))
+                figures.append((f"figure01_{character}", *figure01(record)))
             for name, figure, words in figures:
                 files.append(paths.REFERENCE / f"{name}.png")
-                save_figure(figure, files[-1], words, LARGEST_BYTES)
+                save_figure(figure, files[-1], words)
     return files
 
 

@@ -217,9 +217,7 @@ class Measurements:
         return row.value if row else None
 
 
-def report_figure(
-    mesh: Mesh, measured: Measurements, renderer: str | None = None
-) -> "tuple[matplotlib.figure.Figure, Words]":
+def report_figure(mesh: Mesh, measured: Measurements) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): errors of fits, components, controls for a vertex, map sizes, and interaction twice.
 
     The last two are left out if no pairs were tried.
@@ -236,7 +234,7 @@ def report_figure(
     _draw_controls(controls, measured)
     _draw_maps(maps, measured)
     for face, pairs in more:
-        _draw_face(figure, face, mesh, measured, renderer)
+        _draw_face(figure, face, mesh, measured)
         _draw_pairs(pairs, measured)
     for axes in (*figure.axes, *(child for each in figure.axes for child in each.child_axes)):
         axes.tick_params(which="both", labelsize=SIZE_PT)
@@ -308,15 +306,13 @@ def _draw_controls(axes: "matplotlib.axes.Axes", measured: Measurements) -> None
     tidy(axes)
 
 
-def _draw_face(
-    figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, measured, renderer
-) -> None:
+def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, measured) -> None:
     corners = measured.ratio[mesh.faces]
     finite = np.isfinite(corners).any(1)
     ratio = np.full(len(corners), np.nan)
     ratio[finite] = np.nanmean(corners[finite], axis=1)
     surface = Surface(mesh.neutral, mesh.faces, error_colours(ratio, RATIO_LIMIT), lit=False, smooth=False)
-    axes.imshow(render([surface], camera_for("front", mesh.neutral), *FACE, renderer=renderer), interpolation="none")
+    axes.imshow(render([surface], camera_for("front", mesh.neutral), *FACE), interpolation="none")
     axes.set_axis_off()
     axes.set_title("Where controls interact", fontsize=SIZE_PT)
     bar = colour_bar(figure, axes.inset_axes((1.0, 0.1, 0.035, 0.8)), RATIO_LIMIT, "mixed over single differences")

@@ -140,7 +140,6 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
 
     The notebook comes last: its stamp says that the figures of these results are complete.
     """
-    from replicate.drawing.face_sheet import LARGEST_BYTES
     from replicate.drawing.panels import has_figure, save_figure
     from replicate.drawing.render import shared_pictures
     from replicate.targets.table2.charts import open_table2, table2_figure_names, table2_figures
@@ -153,5 +152,5 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
     with shared_pictures():  # the notebook shows the same renderings
         for character in results.characters:
             for name, figure, words in table2_figures(results, character, limit_deg):
-                save_figure(figure, folder / f"{name}.png", words, LARGEST_BYTES)
+                save_figure(figure, folder / f"{name}.png", words)
         run_notebook("table2", profile, HEATMAP_DEG=limit_deg)

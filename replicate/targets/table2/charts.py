@@ -89,7 +89,7 @@ def redraw_charts(folder: Path, characters: Collection[str]) -> list[Path]:
 
 
 def table2_figures(
-    results: Table2Results, character: str, limit_deg: float, renderer: str | None = None
+    results: Table2Results, character: str, limit_deg: float
 ) -> Iterator[tuple[str, "matplotlib.figure.Figure", Words]]:
     """Yield (file name without ending, figure, words) of each figure of one character.
 
@@ -100,8 +100,8 @@ def table2_figures(
     chart, *faces, wrinkles, curves = table2_figure_names(results, character)
     yield chart, *table2_chart(results.rows, results.paper, character)
     for name, record in zip(faces, results.poses[character].values(), strict=True):
-        yield name, *figure10(record, limit_deg, renderer=renderer)
-    yield wrinkles, *figure09(results.poses[character][FOLDED], renderer=renderer)
+        yield name, *figure10(record, limit_deg)
+    yield wrinkles, *figure09(results.poses[character][FOLDED])
     yield curves, *training_curves(results.curves, results.rows, character)
 
 
