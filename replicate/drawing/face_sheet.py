@@ -16,7 +16,7 @@ from replicate.drawing.panels import DPI
 if TYPE_CHECKING:
     import matplotlib.figure
 
-WIDTH = 1000  # pixels
+WIDTH = 1400  # pixels
 LETTER = 0.0215  # the size of letters as a share of the width
 GAP, MARGIN = 8, 6  # pixels
 LINE = 1.22  # the distance of two lines of text, in sizes of letters
@@ -46,7 +46,6 @@ def face_sheet(
     width: int = WIDTH,
     first_bold: bool = False,
     below: Sequence[np.ndarray] = (),
-    short_first: bool = False,
 ) -> "matplotlib.figure.Figure":
     """Return a matplotlib figure of cells, row by row, drawn pixel for pixel.
 
@@ -57,7 +56,6 @@ def face_sheet(
     width: of the figure, pixels.
     first_bold: write the first line of each cell in bold.
     below: pictures that fill the width, one below the other, under all else.
-    short_first: a row that isn't full is the first, not the last.
     """
     from matplotlib.figure import Figure
 
@@ -65,7 +63,7 @@ def face_sheet(
     letter, names = LETTER * width, _names_width(line_names, width)
     across = cells[0].pictures[0].shape[1]
     titles = [_in_lines(cell.title, int(across / (WIDE * letter))) for cell in cells]
-    rows = _rows(len(cells), columns, short_first)
+    rows = [range(start, min(start + columns, len(cells))) for start in range(0, len(cells), columns)]
     above = [letter * (LINE * max(len(titles[k]) for k in row) + 0.35) for row in rows]
     tall = sum(picture.shape[0] for picture in cells[0].pictures) + GAP * (len(cells[0].pictures) - 1)
     under = letter * (LINE * max(len(cell.lines) for cell in cells) + 0.4)
@@ -110,13 +108,6 @@ def face_sheet(
         _place(figure, picture, (width - picture.shape[1]) / 2, y)
         y += picture.shape[0] + GAP
     return figure
-
-
-def _rows(count: int, columns: int, short_first: bool) -> list[range]:
-    """Return the cells of each row."""
-    rest = count % columns if short_first else 0
-    starts = [*([0] if rest else []), *range(rest, count, columns)]
-    return [range(start, stop) for start, stop in zip(starts, [*starts[1:], count], strict=True)]
 
 
 def _in_lines(title: str, most: int) -> list[str]:

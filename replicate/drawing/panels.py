@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
-SMALL_BYTES, QUALITY = 100_000, 90  # a page shows a larger PNG as JPEG of this quality
+SMALL_BYTES, PAGE, QUALITY = 120_000, 1000, 90  # a page shows a larger PNG as JPEG, at most so wide, of this quality
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,15 @@ def png(figure: "matplotlib.figure.Figure", words: Words) -> bytes:
 
 
 def for_page(data: bytes) -> bytes:
-    """Return a picture for a page of many: a large PNG as JPEG, which looks the same; charts stay as they are."""
+    """Return a PNG for a page of many: as JPEG no wider than the page, or as it is if it is small, as charts are."""
     from PIL import Image
 
     if len(data) <= SMALL_BYTES:
         return data
     out = io.BytesIO()
-    Image.open(io.BytesIO(data)).convert("RGB").save(out, format="JPEG", quality=QUALITY, subsampling=0, optimize=True)
+    picture = Image.open(io.BytesIO(data)).convert("RGB")
+    picture.thumbnail((PAGE, picture.height), Image.Resampling.LANCZOS)
+    picture.save(out, format="JPEG", quality=QUALITY, subsampling=0, optimize=True)
     return min(data, out.getvalue(), key=len)
 
 

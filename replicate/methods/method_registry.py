@@ -48,6 +48,11 @@ def method_named(name: str) -> Method:
     return Method(name, name, lambda plan: (), lambda inputs, settings: lambda params: None)
 
 
+def outside_names() -> set[str]:
+    """Return the names of the methods from outside."""
+    return {method.name for file in _outside_files() for method in _methods_in(_outside_module(file), None)}
+
+
 def in_order(names: Iterable[str]) -> list[str]:
     """Return methods' names in the order of the tables: the paper's first, each group by place."""
     return [method.name for method in _sort(map(method_named, dict.fromkeys(names)))]

@@ -16,7 +16,7 @@ from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.base.exceptions import InputError
 from replicate.base.files import replacing
 from replicate.drawing.prop_surfaces import carry_props, colour_in_bytes, prop_surfaces
-from replicate.drawing.scene import Camera, Surface, camera_for, forehead_camera, frame_surfaces
+from replicate.drawing.scene import CLAY, Camera, Surface, camera_for, forehead_camera, frame_surfaces
 from replicate.geometry.face_regions import NO_REGION
 from replicate.methods import typical_poses
 from replicate.methods.method_registry import in_order, method_named
@@ -171,11 +171,26 @@ def pose_in_words(record: PoseRecord) -> str:
 # A method's prediction as surfaces in clay, the skin with brows and eyeballs, and cameras to draw them with.
 
 
-def clay_surfaces(record: PoseRecord, method: str) -> list[Surface]:
-    """Return the surfaces of a pose as one of the record's methods predicts it."""
+SKIN_FROM = 120  # brows and hair grow on patches of skin, whose green is at least so bright
+
+
+def clay_surfaces(record: PoseRecord, method: str, hair: bool = True) -> list[Surface]:
+    """Return the surfaces of a pose as one of the record's methods predicts it.
+
+    hair: False leaves out the hair, which hides wrinkles.
+    """
     vertices = record.vertices[method]
-    props = carry_props(record.props, record.vertices[TRUTH], vertices)
-    return [Surface(vertices, record.faces), *prop_surfaces(props)]
+    shown = [prop for prop in record.props if hair or prop[0] != "hair"]
+    props = carry_props(shown, record.vertices[TRUTH], vertices)
+    return [Surface(vertices, record.faces), *prop_surfaces(map(_on_clay, props))]
+
+
+def _on_clay(prop: tuple) -> tuple:
+    """Return a prop whose skin is clay."""
+    name, vertices, faces, colour = prop
+    if np.ndim(colour) == 2 and name.startswith(("brow", "hair")):
+        colour = np.where(colour[:, 1:2] >= SKIN_FROM, np.uint8(CLAY), colour)
+    return name, vertices, faces, colour
 
 
 def view_of(record: PoseRecord, camera: str, aspect: float) -> Camera:
@@ -201,7 +216,8 @@ def with_layout(character: str, segment_names: Sequence[str]) -> str:
     return character + layout
 
 
-# The methods that Figures 1 and 9 show after the truth, in order.
+# The methods that figures show after the truth, in order.
 
 FIGURE01 = ("refined", "regional", "lbs32")
 FIGURE09 = ("refined", "regional", "lbs32", "coarse", "floor_refined")
+FIGURE10 = ("refined", "regional", "linear", "lbs32", "dense")  # and methods from outside before them

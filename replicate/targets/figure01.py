@@ -50,7 +50,6 @@ def run(options: argparse.Namespace) -> None:
 
 COLUMNS = (TRUTH, *FIGURE01)
 VIEWS = (("front", 1.2), ("forehead", 0.8))  # a camera, and its picture's height over its width
-LINES = ("distance error", "normal error")
 
 
 def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -59,24 +58,29 @@ def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib
     across: the width of one picture, pixels; None for what fills the sheet.
     """
     shown = [method for method in COLUMNS if method in record.vertices]
-    width = across or cell_width(len(COLUMNS), LINES)
+    width = across or cell_width(len(COLUMNS))
     cells, phrases = [], []
     for method in shown:
-        surfaces = clay_surfaces(record, method)
         pictures = tuple(
-            render(surfaces, view_of(record, name, 1 / tall), width, round(tall * width)) for name, tall in VIEWS
+            render(
+                clay_surfaces(record, method, hair=name != "forehead"),
+                view_of(record, name, 1 / tall),
+                width,
+                round(tall * width),
+            )
+            for name, tall in VIEWS
         )
         lines = ()
         if method != TRUTH:
-            lines = f"{vertex_mean_mm(record, method):.2f} mm", f"{normal_means_deg(record, method)[WHOLE]:.2f}°"
-            phrases.append(f"{plain_name(method)} {' and '.join(lines)}")
+            lines = (f"{vertex_mean_mm(record, method):.2f} mm, {normal_means_deg(record, method)[WHOLE]:.2f}°",)
+            phrases.append(f"{plain_name(method)} {lines[0]}")
         cells.append(Cell(panel_title(method), pictures, lines))
     errors = "; ".join(phrases)
     names = ", ".join(plain_name(method) for method in shown)
-    return face_sheet(cells, len(shown), LINES), Words(
+    return face_sheet(cells, len(shown)), Words(
         f"Clay renders of a head from the front and, below, of its forehead, close up, from left to right: {names}. "
         f"Mean errors: {errors}.",
         f"The rig and its approximations side by side (after Fig. 1), in {pose_in_words(record)}. The heads look much "
-        "alike; the close-up below shows which creases of the forehead a method keeps. Below: mean distance of all "
-        f"vertices, and mean angle between normals (Eq. 11), in this pose. {marks_in_words(shown)}".strip(),
+        "alike; the close-up below, without hair, shows which creases of the forehead a method keeps. Below: mean "
+        f"distance of all vertices, and mean angle between normals (Eq. 11), in this pose. {marks_in_words(shown)}".strip(),
     )

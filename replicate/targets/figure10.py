@@ -13,9 +13,10 @@ from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.render import render
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.method_registry import in_order, method_named
+from replicate.methods.method_registry import in_order, method_named, outside_names
 from replicate.methods.plan import Plan
 from replicate.report.pose_record import (
+    FIGURE10,
     FOLDED,
     TRUTH,
     WHOLE,
@@ -56,9 +57,9 @@ def run(options: argparse.Namespace) -> None:
     publish("figure10", make(options, lambda plan: stages(plan, methods(options, plan.config))))
 
 
-# Figure 10: a test pose as every method predicts it, half of each face its surface, half its normal error.
+# Figure 10: a test pose as several methods predict it, half of each face its surface, half its normal error.
 
-COLUMNS = 5  # faces in a row: more would be too small in a column of the paper
+FACES = 6  # in one row, the truth's among them: more would be too small
 TALL = 1.26  # a picture's height over its width
 LIMIT_DEG = 30.0
 
@@ -66,16 +67,14 @@ LIMIT_DEG = 30.0
 def figure10(
     record: PoseRecord, limit_deg: float = LIMIT_DEG, camera: str = "front", across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Draw every method's normal errors in one test pose and return (figure, words).
+    """Draw several methods' normal errors in one test pose and return (figure, words).
 
     limit_deg: the upper end of the colours, the same for every face
     camera: the view, "front" or "forehead"
     across: the width of one face's picture, pixels; None for what fills the sheet
     """
-    methods = [name for name in in_order(set(record.vertices) - {TRUTH}) if method_named(name).in_figures]
-    names = (WHOLE, *record.region_names)
-    columns = min(COLUMNS, 1 + len(methods))
-    width = across or cell_width(COLUMNS, names)
+    methods = shown_methods(record)
+    width = across or cell_width(FACES)
     height = round(TALL * width)
     view = view_of(record, camera, width / height)
     draw = partial(render, camera=view, width=width, height=height)
@@ -86,11 +85,16 @@ def figure10(
         heat = draw([normal_heat(vertices, truth, record.faces, limit_deg)])
         line = middle_line(record.neutral, vertices, record.faces, view, width, height)
         means[method] = normal_means_deg(record, method)
-        lines = tuple(f"{means[method][name]:.2f}°" for name in names)
-        cells.append(Cell(panel_title(method), (split_face(surface, heat, line),), lines))
+        cells.append(Cell(panel_title(method), (split_face(surface, heat, line),), (f"{means[method][WHOLE]:.2f}°",)))
     bar = partial(normal_bar, limit_deg=limit_deg, orientation="horizontal")
-    figure = face_sheet(cells, columns, names, bar, first_bold=True, short_first=True)
-    return figure, _words(record, camera, means, limit_deg)
+    return face_sheet(cells, len(cells), bar=bar, first_bold=True), _words(record, camera, means, limit_deg)
+
+
+def shown_methods(record: PoseRecord) -> list[str]:
+    """Return the methods of a record whose faces fit into the row: those from outside, then those of `FIGURE10`."""
+    there = [name for name in in_order(set(record.vertices) - {TRUTH}) if method_named(name).in_figures]
+    first = [*(name for name in there if name in outside_names()), *(name for name in FIGURE10 if name in there)]
+    return in_order([*dict.fromkeys([*first, *there])][: FACES - 1])
 
 
 def picture_name(record: PoseRecord, camera: str = "front") -> str:
@@ -103,7 +107,6 @@ def picture_name(record: PoseRecord, camera: str = "front") -> str:
 def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], limit_deg: float) -> Words:
     wholes = ", ".join(f"{plain_name(method)} {by_region[WHOLE]:.2f}°" for method, by_region in means.items())
     views = "foreheads, close up" if camera == "forehead" else "heads from the front"
-    regions = f", over the {WHOLE} and region by region" if record.region_names else f" over the {WHOLE}"
     pose = pose_in_words(record)
     alt = (
         f"{len(means) + 1} {views}, the ground truth first, then one for each method; the left half of each method's "
@@ -114,13 +117,14 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
     hardest = _hardest_region(means)
     in_view = camera == "front" or hardest == camera  # a close-up's caption names only what it shows
     seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
-    seen += f" Most methods are farthest off at the {hardest}." if hardest and in_view else ""
+    seen += f" Most are farthest off at the {hardest}." if hardest and in_view else ""
     shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
     shown = shown[0].upper() + shown[1:]
     caption = (
         f"{shown} (after Fig. 10). Left half of each face: the predicted surface. Right half: the "
         f"angle between each mesh face's predicted and true normal (Eq. 11), 0° to {limit_deg:g}°, the same colours in "
-        f"all panels, which go with the angle's root. Below: its mean in this pose{regions}.{seen} "
+        f"all panels, which go with the angle's root. Below: its mean over the {WHOLE}; "
+        f"figure10.csv has those of each region, and of the methods that aren't shown.{seen} "
         f"{marks_in_words(means)}"
     )
     return Words(alt, caption.strip())

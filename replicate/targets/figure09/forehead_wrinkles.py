@@ -1,13 +1,17 @@
 """Figure 9: forehead wrinkles, close up: what each method keeps of them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from replicate.approximation.metrics import normal_error
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import Words
 from replicate.drawing.render import render
+from replicate.drawing.scene import CAMERAS, Camera, camera_for, faces_in_view
 from replicate.geometry.folds import fold_angles
 from replicate.geometry.mesh import inner_edges
 from replicate.report.pose_record import (
@@ -30,6 +34,10 @@ if TYPE_CHECKING:
 COLUMNS = (TRUTH, *FIGURE09)
 ACROSS = 3  # pictures in a row
 TALL = 0.8  # a picture's height over its width
+SPOT_TALL = 0.42  # of the second picture
+SPOT_MM = 20.0  # its height on the skin, and how far around a spot errors count
+COMPARED = ("coarse", "refined")  # the second picture is where these differ most
+FACING = 0.8  # the cosine of the angle to the view within which a spot has to lie
 REGION = "forehead"
 CREASED_DEG = 2.0  # the mean change of a fold from which one sees creases; rigs with wrinkles have 4 or more
 
@@ -41,15 +49,18 @@ def figure09(
 
     across: the width of one picture, pixels; None for what fills the sheet.
     """
-    view = view_of(record, "forehead", 1 / TALL)
+    views = [(view_of(record, "forehead", 1 / TALL), TALL)]
+    if spot := refined_spot(record):
+        views.append((spot[0], SPOT_TALL))
     shown = [method for method in methods if method in record.vertices]
     width = across or cell_width(min(ACROSS, len(shown)))
     region = REGION if REGION in record.region_names else WHOLE
     cells, phrases = [], []
     for method in shown:
-        picture = render(clay_surfaces(record, method), view, width, round(TALL * width))
+        surfaces = clay_surfaces(record, method, hair=False)
+        pictures = tuple(render(surfaces, view, width, round(tall * width)) for view, tall in views)
         error = "" if method == TRUTH else f"{normal_means_deg(record, method)[region]:.2f}°"
-        cells.append(Cell(panel_title(method), (picture,), (f"{region}: {error}" if error else "",)))
+        cells.append(Cell(panel_title(method), pictures, (f"{region}: {error}" if error else "",)))
         phrases.append(f"{plain_name(method)} {error}".strip())
     names = ", ".join(phrases)
     pose = f"{pose_in_words(record)} (after Fig. 9)"
@@ -60,10 +71,37 @@ def figure09(
         else f"The forehead in {pose}. This rig has no wrinkles; only the smooth shape of the brows differs."
     )
     figure = face_sheet(cells, min(ACROSS, len(shown)))
+    closer = f" Under it {spot[1]}, where refinement changes most." if spot else ""
     return figure, Words(
         f"Clay renders of one forehead, close up, row by row: {names}.",
-        f"{lead} Below each: the mean normal error (Eq. 11) of the {region}. {marks_in_words(shown)}".strip(),
+        f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}. Light from the side and darkened "
+        f"creases make folds look deeper than they are, for all alike. {marks_in_words(shown)}".strip(),
     )
+
+
+def refined_spot(record: PoseRecord) -> tuple[Camera, str] | None:
+    """Return where the normal errors of `COMPARED` differ most: a camera on it, and its place in words.
+
+    It is the mean over the mesh faces within `SPOT_MM`, of skin that the front camera sees; None for a record that
+    lacks one of the two.
+    """
+    if not all(method in record.vertices for method in COMPARED):
+        return None
+    truth, faces = record.vertices[TRUTH].astype(float), record.faces
+    errors = [normal_error(record.vertices[method], record.vertices[TRUTH], faces) for method in COMPARED]
+    change, centres = np.nan_to_num(errors[0] - errors[1]), truth[faces].mean(1)
+    front = camera_for("front", record.neutral)
+    scale = front.height_mm / CAMERAS["front"].height_mm
+    there = np.flatnonzero(faces_in_view(truth, faces, front, FACING))
+    if not len(there):
+        return None
+    near = cKDTree(centres).query_ball_point(centres[there], scale * SPOT_MM / 2)
+    found = there[np.argmax([abs(change[one].mean()) for one in near])]
+    region = record.region[found]
+    where = f"at the {record.region_names[region]}" if region >= 0 else "on the face"
+    focus = tuple(float(x) for x in centres[found])
+    close = replace(CAMERAS["forehead"], focus=focus, height_mm=scale * SPOT_MM, distance_mm=front.distance_mm)
+    return close, f"{scale * SPOT_MM / SPOT_TALL:.0f} mm {where}"
 
 
 def fold_change_deg(record: PoseRecord) -> float:
