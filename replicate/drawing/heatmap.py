@@ -41,7 +41,7 @@ def normal_heat(
 ) -> Surface:
     """Return the predicted surface, each face coloured by its normal's error (Eq. 11) up to `limit_deg`."""
     colours = error_colours(normal_error(predicted, truth, faces), limit_deg, ROOT)
-    return Surface(predicted, faces, colours, lit=False, smooth=False)
+    return Surface(predicted, faces, colours, lit=False)
 
 
 def normal_bar(

@@ -107,7 +107,7 @@ RAKING = Studio(
     sky=0.36,
     under_skin_mm=(0.0, 0.0, 0.0),
     gloss=0.4,
-    exposure=0.92,
+    exposure=0.86,
     saturation=1.0,
     vignette=0.0,
     crease=0.9,
@@ -352,7 +352,12 @@ def _shade(
     shown = studio.exposure * (grey + studio.saturation * (shown - grey)).clip(0)
     over = (shown - KNEE).clip(0) / (1 - KNEE)
     shown = np.where(over > 0, KNEE + (1 - KNEE) * (1 - np.exp(-over)), shown)
-    return np.where(scene.is_lit[corners[:, :1]], shown, colour)
+    is_lit = scene.is_lit[corners[:, 0]]
+    if not is_lit.all():  # colours that are read off are mixed as they are seen, not as light
+        mixed = np.einsum("pc,pc...->p...", shares[~is_lit], to_srgb(scene.colours)[corners[~is_lit]])
+        plain = scene.face_colours[faces[~is_lit]]
+        shown[~is_lit] = np.where(np.isnan(plain), to_linear(255 * mixed), plain)
+    return shown
 
 
 def glints(

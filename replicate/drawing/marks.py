@@ -112,4 +112,4 @@ def wireframe(
     corners = np.stack([v[a] - aside, v[a] + aside, v[b] + aside, v[b] - aside], 1) + LIFT_MM * to_eye[a][:, None]
     corner = np.arange(4 * len(a)).reshape(-1, 4)
     ribbons = np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]])
-    return Surface(np.float32(corners.reshape(-1, 3)), np.int32(ribbons), INK, lit=False, smooth=False)
+    return Surface(np.float32(corners.reshape(-1, 3)), np.int32(ribbons), INK, lit=False)

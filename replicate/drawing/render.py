@@ -141,10 +141,10 @@ def _by_opengl(surfaces, camera: Camera, width: int, height: int, background, st
 
 def _add(plotter, pyvista, surface: Surface, ambient: float):
     mesh = pyvista.PolyData.from_regular_faces(np.asarray(surface.vertices, np.float32), np.asarray(surface.faces))
-    if surface.smooth:
+    if surface.lit:
         mesh.point_data["Normals"] = vertex_normals(np.asarray(surface.vertices, np.float32), surface.faces)
         mesh.point_data.active_normals_name = "Normals"
-    style = {"interpolation": "phong" if surface.smooth else "flat", "show_scalar_bar": False}
+    style = {"interpolation": "phong", "show_scalar_bar": False}
     if surface.lit:
         shine = surface.finish
         style |= {"ambient": ambient, "diffuse": 1.0}

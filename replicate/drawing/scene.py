@@ -31,7 +31,6 @@ class Surface:
     faces: (f, 3).
     colours: one RGB triple 0–255, or (f, 3) uint8, one for each face.
     lit: False draws the colours as they are, as heatmaps need.
-    smooth: interpolate normals.
     paint: (n, 3) uint8, a colour for each vertex in place of `colours`; faces blend those of their corners.
     finish: how it shines.
     framed: whether `frame_surfaces` makes room for it.
@@ -41,7 +40,6 @@ class Surface:
     faces: np.ndarray
     colours: tuple[int, int, int] | np.ndarray = CLAY
     lit: bool = True
-    smooth: bool = True
     paint: np.ndarray | None = None
     finish: Finish = MATT
     framed: bool = True

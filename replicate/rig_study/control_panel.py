@@ -210,7 +210,7 @@ class LiveView:
             self._camera = camera
         for mesh, surface in zip(self._meshes, surfaces, strict=True):
             mesh.points = np.asarray(surface.vertices, np.float32)
-            if surface.smooth:
+            if surface.lit:
                 mesh.point_data["Normals"] = fast_vertex_normals(np.asarray(mesh.points), surface.faces)
         self._plotter.renderer.ResetCameraClippingRange()
         self._plotter.render()  # a screenshot alone would show the points as they were

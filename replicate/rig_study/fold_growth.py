@@ -68,7 +68,7 @@ def strain_sheet(
     for title, params in poses.items():
         vertices, compression = rig(params), strain(rig, params)
         paint = strain_colours(compression, limit)
-        strain_row.append(draw([Surface(vertices, rig.mesh.faces, lit=False, smooth=False, paint=paint)]))
+        strain_row.append(draw([Surface(vertices, rig.mesh.faces, lit=False, paint=paint)]))
         clay_row.append(draw(clay(rig, vertices, params)))
         percentages.append(f"{title} {100 * np.nanmax(compression):.0f} %")
     figure = panel_grid(

@@ -117,7 +117,7 @@ def layer_sheet(
         on, off = rig.run_nodes(params[None])[0], rig.run_nodes(params[None], skip=(exhibit.node,))[0]
         distance = np.linalg.norm(on - off, axis=1)
         limit = scale_for(distance)
-        heat = Surface(on, rig.mesh.faces, lit=False, smooth=False, paint=error_colours(distance, limit))
+        heat = Surface(on, rig.mesh.faces, lit=False, paint=error_colours(distance, limit))
         draw = partial(render, camera=view, width=width, height=height)
         eyes = rig.default if exhibit.node == "head_shape" else params  # eyeballs are squashed with the head
         pictures += [draw(clay(rig, off, eyes)), draw(clay(rig, on, params)), draw([heat])]
@@ -265,7 +265,7 @@ def derivative_sheet(
         pictures.append([])
         for params, speed in zip(poses.values(), speeds, strict=True):
             paint = error_colours(speed, limit)
-            surface = Surface(rig(params), rig.mesh.faces, lit=False, smooth=False, paint=paint)
+            surface = Surface(rig(params), rig.mesh.faces, lit=False, paint=paint)
             pictures[-1].append(render([surface], view, width, height))
         titles.append([f"{title}{word}: 0–{limit:g} mm" for title in poses])
     largest, farthest = (

@@ -82,5 +82,5 @@ def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib
         f"Mean errors: {errors}.",
         f"The rig and its approximations side by side (after Fig. 1), in {pose_in_words(record)}. The heads look much "
         "alike; the close-up below, without hair, shows which creases of the forehead a method keeps. Below: mean "
-        f"distance of all vertices, and mean angle between normals (Eq. 11), in this pose. {marks_in_words(shown)}".strip(),
+        f"distance of all vertices, and mean angle between normals (Eq. 11). {marks_in_words(shown)}".strip(),
     )

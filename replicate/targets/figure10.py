@@ -73,15 +73,16 @@ def figure10(
     camera: the view, "front" or "forehead"
     across: the width of one face's picture, pixels; None for what fills the sheet
     """
-    methods = shown_methods(record)
+    methods, hair = shown_methods(record), camera != "forehead"
     width = across or cell_width(FACES)
     height = round(TALL * width)
     view = view_of(record, camera, width / height)
     draw = partial(render, camera=view, width=width, height=height)
-    truth, cells, means = record.vertices[TRUTH], [Cell(panel_title(TRUTH), (draw(clay_surfaces(record, TRUTH)),))], {}
+    truth, means = record.vertices[TRUTH], {}
+    cells = [Cell(panel_title(TRUTH), (draw(clay_surfaces(record, TRUTH, hair)),))]
     for method in methods:
         vertices = record.vertices[method]
-        surface = draw(clay_surfaces(record, method))
+        surface = draw(clay_surfaces(record, method, hair))
         heat = draw([normal_heat(vertices, truth, record.faces, limit_deg)])
         line = middle_line(record.neutral, vertices, record.faces, view, width, height)
         means[method] = normal_means_deg(record, method)

@@ -5,20 +5,22 @@ import pytest
 import trimesh
 
 from replicate.drawing.light import (
-    STUDIO,
+    PORTRAIT,
+    RAKING,
     Lamp,
     Studio,
     cone,
+    depth_mm,
     directions_around,
     glints,
     light_at,
+    quick,
     scene_of,
     spread,
     to_linear,
     to_srgb,
     trace,
 )
-from replicate.drawing.render import portrait
 from replicate.drawing.scene import Camera, Surface
 
 pytest.importorskip("embreex")
@@ -92,7 +94,7 @@ def test_a_sphere_is_brightest_where_it_faces_the_lamp():
 def test_what_is_unlit_keeps_its_colours_and_what_is_behind_is_hidden():
     behind = Surface(SQUARE * 1.7 - np.float32([0, 0, 9]), QUAD, (255, 0, 0), lit=False)
     colours = np.uint8([[250, 3, 77], [5, 120, 240]])
-    image = trace([behind, Surface(SQUARE, QUAD, colours, lit=False)], VIEW, 80, 80, (7, 8, 9), STUDIO)
+    image = trace([behind, Surface(SQUARE, QUAD, colours, lit=False)], VIEW, 80, 80, (7, 8, 9), PORTRAIT)
     assert (image[50, 50] == colours[0]).all() and (image[30, 30] == colours[1]).all()
     assert (image[40, 10] == (255, 0, 0)).all() and (image[1, 1] < 10).all()
 
@@ -141,10 +143,22 @@ def test_colours_become_light_and_colours_again():
     np.testing.assert_array_equal(np.rint(255 * to_srgb(to_linear(colours))), colours)
 
 
-def test_a_portrait_without_embreex_is_drawn_otherwise(monkeypatch):
+def test_creases_are_dark_and_ridges_bright_in_raking_light():
+    places, faces = grid(40, 161)
+    wavy = places + np.float32([0, 0, 1]) * np.sin(places[:, :1] * 2 * np.pi / 8)
+    depth = depth_mm(scene_of([Surface(wavy, faces)], np.array([0.0, 0, 900])))
+    inside = np.abs(places).max(1) < 30
+    assert np.corrcoef(depth[inside], -wavy[inside, 2])[0, 1] > 0.95
+    plane = depth_mm(scene_of([Surface(places, faces)], np.array([0.0, 0, 900])))
+    np.testing.assert_allclose(plane[inside], 0, atol=1e-6)
+    folds, flat = (
+        brightness(trace([Surface(each, faces, GREY)], Camera((0, 0, 0), 40), 80, 80, (0, 0, 0), RAKING))
+        for each in (wavy, places)
+    )
+    assert folds[10:-10, 10:-10].std() > 20 * flat[10:-10, 10:-10].std()
+
+
+def test_a_quick_studio_has_the_same_light_from_fewer_rays():
     scene = [Surface(*ball(), (226, 178, 148))]
-    rays = portrait(scene, VIEW, 40, 40, (236, 239, 243))
-    monkeypatch.setattr("replicate.drawing.render.find_spec", lambda name: None)
-    monkeypatch.setattr("replicate.drawing.render.working_renderer", lambda: "software")
-    other = portrait(scene, VIEW, 40, 40, (236, 239, 243))
-    assert rays.shape == other.shape and (rays != other).any() and (other[20, 20] != other[0, 0]).any()
+    slow, fast = (trace(scene, VIEW, 60, 60, (236, 239, 243), each).astype(int) for each in (PORTRAIT, quick(PORTRAIT)))
+    assert quick(PORTRAIT).sky_rays < PORTRAIT.sky_rays / 5 and np.abs(slow - fast).mean() < 4

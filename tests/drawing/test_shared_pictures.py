@@ -49,7 +49,7 @@ def test_another_process_takes_what_this_one_has_drawn():
         ([replace(SQUARE, vertices=SQUARE.vertices + np.float32([0, 0, 1e-5]))], VIEW),
         ([replace(SQUARE, vertices=SQUARE.vertices.astype(float))], VIEW),
         ([replace(SQUARE, colours=(1, 2, 3))], VIEW),
-        ([replace(SQUARE, smooth=False)], VIEW),
+        ([replace(SQUARE, lit=False)], VIEW),
         ([SQUARE, SQUARE], VIEW),
         ([SQUARE], Camera((0, 0, 0), 80, 1)),
     ],

@@ -17,7 +17,6 @@ from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.base.paths import run_folder
 from replicate.benchmarks.bench_training import balance_text, draws_text, trainings_tables
-from replicate.drawing import render
 from replicate.report import notebooks
 from replicate.report.notebooks import execute, main, with_parameters
 from replicate.report.pose_record import PoseRecord, pose_file, save_pose
@@ -100,7 +99,6 @@ def test_what_a_notebook_imports_is_there(path):
 
 
 def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
-    monkeypatch.setattr(render, "working_renderer", lambda: "software")
     outputs = run_cells(TABLE2, monkeypatch)
     titles = [table.title for table in outputs if hasattr(table, "title")]
     assert titles == [
@@ -193,7 +191,6 @@ def test_the_rig_reports_notebook_shows_tables_pictures_and_pairs(folder, monkey
 
 
 def test_table2s_notebook_shows_simple_fits_beside_where_there_are_some(folder, monkeypatch):
-    monkeypatch.setattr(render, "working_renderer", lambda: "software")
     write_results(folder / "rig_report.csv", rig_report_rows())
     tables = [table for table in run_cells(TABLE2, monkeypatch) if hasattr(table, "title")]
     (table,) = (table for table in tables if "simple fits" in table.title)

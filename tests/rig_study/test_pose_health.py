@@ -255,7 +255,7 @@ def test_the_picture_of_the_worst_poses_marks_what_is_broken():
     names, params = each_alone(rig)
     health = measure(rig, params, Skin(rig.mesh))
     pose_sets = [bench_poses.PoseSet("controls", names, health)]
-    figure, words = worst_poses(rig, pose_sets, 60, 60, "software")
+    figure, words = worst_poses(rig, pose_sets, 60, 60)
     pictures = [image.get_array() for axes in figure.axes for image in axes.get_images()]
     assert "1 with most flipped" in words.alt and "0 with teeth furthest" in words.alt
     reddest = max((np.asarray(picture, int) - FLIP_COLOUR).__abs__().sum(-1).min() for picture in pictures[:1])

@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from bumpy_plate import bumpy_plate, texts_of
+from bumpy_plate import bumpy_plate, pictures_of, texts_of
 
 from replicate.approximation.metrics import normal_error
 from replicate.report.pose_record import PoseRecord
-from replicate.targets.figure09.forehead_wrinkles import CREASED_DEG, figure09, fold_change_deg
+from replicate.targets.figure09.forehead_wrinkles import CREASED_DEG, figure09, fold_change_deg, refined_spot
 
 
 @pytest.fixture
@@ -17,7 +18,7 @@ def record() -> PoseRecord:
 
 
 def test_figure_9_shows_the_methods_that_there_are(record):
-    figure, words = figure09(record, across=160)
+    figure, words = figure09(record, across=260)
     error = normal_error(record.vertices["coarse"], record.vertices["truth"], record.faces)[record.region == 0].mean()
     assert [text for text in texts_of(figure) if text] == ["Ground truth", "Coarse", f"forehead: {error:.2f}°"]
     assert f"Ground truth, Coarse {error:.2f}°." in words.alt
@@ -29,3 +30,13 @@ def test_the_words_point_at_creases_only_where_the_pose_folds_the_forehead(recor
     creased, plain = (figure09(each, across=40)[1].caption for each in (record, smooth))
     assert "Look at the creases" in creased
     assert "creases" not in plain and "has no wrinkles" in plain and "test pose 7 of teen" in plain
+
+
+def test_a_second_picture_shows_where_refinement_changes_most(record):
+    coarse, truth = record.vertices["coarse"], record.vertices["truth"]
+    here = np.linalg.norm(truth[:, :2] - np.float32([-30, -40]), axis=1) < 20
+    refined = np.where(here[:, None], truth, coarse)
+    camera, place = refined_spot(replace(record, vertices=record.vertices | {"refined": refined}))
+    assert np.linalg.norm(np.asarray(camera.focus)[:2] - [-30, -40]) < 15 and "at the mouth" in place
+    figure, words = figure09(replace(record, vertices=record.vertices | {"refined": refined}), across=60)
+    assert len(pictures_of(figure)) == 6 and place in words.caption and refined_spot(record) is None

@@ -69,7 +69,6 @@ def rig(monkeypatch):
         Clip(name, np.zeros((frames, 3), np.float32))
         for name, frames in (("00_take_joy", 30), ("01_take_fear", 9), ("02_dialogue_joy", 48), ("mine", 5))
     )
-    monkeypatch.setattr("replicate.drawing.render.working_renderer", lambda: "software")
     return Plate(name="plate", mesh=mesh, controls=controls, clips=clips, **limits)
 
 

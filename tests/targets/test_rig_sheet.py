@@ -90,7 +90,7 @@ def test_a_line_up_shows_every_rig_twice_in_its_paint(rig):
 
 def test_sheets_and_line_up_are_written_in_full_colour_and_with_their_words(rig, tmp_path, monkeypatch):
     monkeypatch.setattr("replicate.targets.rigs.expression_poses", lambda rig: {"neutral": rig.default})
-    files = [*draw_sheets(rig, tmp_path, "software"), draw_line_up([rig], tmp_path, "software")]
+    files = [*draw_sheets(rig, tmp_path), draw_line_up([rig], tmp_path)]
     assert [file.name for file in files] == ["plate_sheet.png", "plate_expressions.png", "characters.png"]
     for file in files:
         assert Image.open(file).mode == "RGB" and file.stat().st_size < 2_000_000

@@ -75,7 +75,7 @@ def figure09(
     return figure, Words(
         f"Clay renders of one forehead, close up, row by row: {names}.",
         f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}. Light from the side and darkened "
-        f"creases make folds look deeper than they are, for all alike. {marks_in_words(shown)}".strip(),
+        f"hollows make relief look deeper than it is, for all alike. {marks_in_words(shown)}".strip(),
     )
 
 

@@ -311,7 +311,7 @@ def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes",
     finite = np.isfinite(corners).any(1)
     ratio = np.full(len(corners), np.nan)
     ratio[finite] = np.nanmean(corners[finite], axis=1)
-    surface = Surface(mesh.neutral, mesh.faces, error_colours(ratio, RATIO_LIMIT), lit=False, smooth=False)
+    surface = Surface(mesh.neutral, mesh.faces, error_colours(ratio, RATIO_LIMIT), lit=False)
     axes.imshow(render([surface], camera_for("front", mesh.neutral), *FACE), interpolation="none")
     axes.set_axis_off()
     axes.set_title("Where controls interact", fontsize=SIZE_PT)
