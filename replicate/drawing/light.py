@@ -112,6 +112,15 @@ RAKING = Studio(
     vignette=0.0,
     crease=0.9,
 )
+# For surfaces whose colours are looked up in a legend: mostly sky, so that colours stay what they are.
+EVEN = replace(
+    RAKING,
+    lamps=tuple(replace(lamp, strength=0.3 * lamp.strength) for lamp in RAKING.lamps),
+    sky=0.85,
+    exposure=0.95,
+    gloss=0.2,
+    crease=0.0,
+)
 
 
 def quick(studio: Studio) -> Studio:

@@ -6,7 +6,7 @@ from jaxtyping import Float, Int, UInt8
 from replicate.drawing.scene import WHITE, Camera, Surface, axes, project
 from replicate.geometry.mesh import face_normals
 
-RED, RADIUS_MM = (214, 39, 40), 2.4  # of a control point
+RED, RADIUS_MM = (214, 39, 40), 1.7  # of a control point
 
 
 def balls(points: Float[np.ndarray, "c 3"], radius_mm: float) -> Surface:

@@ -1,20 +1,22 @@
 """A coloured rig from several sides and into its open mouth, with a legend (Figs 7 and 8)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Int, UInt8
+from scipy.ndimage import distance_transform_edt
 
 from data_recipes.rig import Rig, has_function
 from replicate.base.tables import Column, read_csv, write_csv
 from replicate.drawing.face_sheet import LETTER, WIDE, WIDTH, Cell, cell_width, face_sheet
+from replicate.drawing.light import EVEN, trace
 from replicate.drawing.panels import DPI
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import Surface, camera_for, frame_surfaces
+from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -33,6 +35,7 @@ OPEN = {"jaw_open": 0.8, "jaw_drop": 0.3, "upper_lip_raise": 0.9, "lower_lip_dep
 INSIDE = ("tooth", "teeth", "gum")  # beginnings of the segments that the camera into the mouth frames
 EYE = "eye"  # beginning of the props that fill the sockets
 TALL = 1.05  # a view's height over its width
+LABEL_PT, LABEL_ROOM = 13, 0.022  # a label's letters; how far from a part's edge it stands at least, in picture widths
 
 
 def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
@@ -53,7 +56,12 @@ def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
 
 
 def coloured_views(
-    rig: Rig, colours: UInt8[np.ndarray, "f 3"], below: Sequence[UInt8[np.ndarray, "_ w 3"]], across: int | None = None
+    rig: Rig,
+    colours: UInt8[np.ndarray, "f 3"],
+    below: Sequence[UInt8[np.ndarray, "_ w 3"]],
+    across: int | None = None,
+    labels: Mapping[int, str] | None = None,
+    part: Int[np.ndarray, " f"] | None = None,
 ) -> "matplotlib.figure.Figure":
     """Return a figure: the rig with an open mouth from each of `VIEWS`, and pictures that fill the width below them.
 
@@ -61,7 +69,11 @@ def coloured_views(
     colours: one for each face.
     below: the pictures.
     across: the width of a view, pixels; None to fill the sheet.
+    labels: words that stand on parts of the mesh, by the part's number; a part that shows little of itself has none.
+    part: the part that each face belongs to, if there are labels.
     """
+    from matplotlib.patheffects import Normal, Stroke
+
     params, mesh = open_mouth(rig), rig.mesh
     posed = rig(params)
     surfaces = [Surface(posed, mesh.faces, colours)]
@@ -69,7 +81,7 @@ def coloured_views(
     inside = [k for k, name in enumerate(mesh.segment_names) if name.startswith(INSIDE)]
     contents = posed[np.isin(mesh.segment, inside)]
     width = across or cell_width(len(VIEWS))
-    height, cells = round(TALL * width), []
+    height, cells, places = round(TALL * width), [], []
     for name, title in VIEWS.items():
         camera = camera_for(name, mesh.neutral)
         if name == "mouth" and len(contents):
@@ -78,8 +90,49 @@ def coloured_views(
             camera = replace(camera, focus=tuple(map(float, middle)), height_mm=tall)
         elif name != "mouth":
             camera = frame_surfaces(camera, surfaces, width / height)
-        cells.append(Cell(title, (render(surfaces, camera, width, height),)))
-    return face_sheet(cells, len(cells), below=below)
+        cells.append(Cell(title, (render(surfaces, camera, width, height, studio=EVEN),)))
+        places.append(_label_places(surfaces, part, camera, width, height) if labels else {})
+    figure = face_sheet(cells, len(cells), below=below)
+    halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
+    for axes, there in zip(figure.axes, places, strict=False):
+        for x, y, text in _without_collisions([(*there[k], labels[k]) for k in there if k in labels], width):
+            axes.text(x, y, text, ha="center", va="center", fontsize=LABEL_PT, path_effects=halo)
+    return figure
+
+
+def _without_collisions(labels: Sequence[tuple[float, float, str]], width: int) -> list[tuple[float, float, str]]:
+    """Return the labels (x, y, text) that lie within a picture's width and don't cover earlier ones."""
+    letter = LABEL_PT * DPI / 72
+    kept: list[tuple[float, float, str]] = []
+    for x, y, text in labels:
+        half = WIDE * letter * len(text) / 2
+        is_free = all(
+            abs(y - there) > letter or abs(x - across) > half + WIDE * letter * len(other) / 2
+            for across, there, other in kept
+        )
+        if half < x < width - half and is_free:
+            kept.append((x, y, text))
+    return kept
+
+
+def _label_places(
+    surfaces: Sequence[Surface], part: Int[np.ndarray, " f"], camera: Camera, width: int, height: int
+) -> dict[int, tuple[float, float]]:
+    """Return the pixel (x, y) of each part that is farthest from what isn't the part, those with most room first.
+
+    surfaces: the mesh, whose faces belong to `part`, and what hides it.
+    """
+    mesh, *others = surfaces
+    codes = np.stack([part + 1, 0 * part, 0 * part], 1).astype(np.uint8)
+    scene = [replace(mesh, colours=codes, lit=False), *(replace(one, colours=(0, 0, 0), paint=None) for one in others)]
+    seen = trace(scene, camera, width, height, (0, 0, 0))[..., 0].astype(int) - 1
+    found = []
+    for k in np.unique(seen[seen >= 0]):
+        room = distance_transform_edt(np.pad(seen == k, 1))[1:-1, 1:-1]
+        y, x = np.unravel_index(room.argmax(), room.shape)
+        if room[y, x] > LABEL_ROOM * width:
+            found.append((float(room[y, x]), int(k), (float(x), float(y))))
+    return {k: place for _, k, place in sorted(found, reverse=True)}
 
 
 def legend_panel(entries: Sequence[tuple], heading: str = "", width: int = WIDTH) -> UInt8[np.ndarray, "h w 3"]:

@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> None:
 # Figure 5: example poses of the training data in clay; and strips of the clips behind them (Eq. 5).
 
 POSES = 8
-FRAMES = 10
+FRAMES = 6
 POSES_HEADER = ("pose", "sample", "control", "value", "lower", "upper")
 CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
 
@@ -63,7 +63,7 @@ def choose(count: int, generator: np.random.Generator) -> Int[np.ndarray, " k"]:
 
 
 def figure05(
-    rig: Rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248
+    rig: Rig, params: Float[np.ndarray, "k m"], width: int = 340, height: int = 364
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): some poses of the training data, in clay.
 
@@ -124,7 +124,7 @@ def shown_frames(clip: Clip, count: int = FRAMES) -> Int[np.ndarray, " count"]:
     return np.linspace(0, len(clip.values) - 1, count + 2)[1:-1].round().astype(int)
 
 
-def clip_strips(rig: Rig, width: int = 122, height: int = 150) -> "tuple[matplotlib.figure.Figure, Words]":
+def clip_strips(rig: Rig, width: int = 210, height: int = 258) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
     kinds, titles, rate = clip_kinds(rig.clips or ()), [], frames_per_second(rig)
     posed = [[_surfaces(rig, clip.values[k]) for k in shown_frames(clip)] for clip in kinds.values()]

@@ -146,7 +146,9 @@ def figure07(
     if rigid:
         legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,}", RIGID))
     paint = np.array(colours, np.uint8)[shown_segment(mesh)]
-    figure = coloured_views(rig, paint, [legend_panel(legend, "segments, and how many vertices each has")], across)
+    key = legend_panel(legend, "segments, and how many vertices each has")
+    labels = {k: mesh.segment_names[k].replace("_", " ") for k in deforming}
+    figure = coloured_views(rig, paint, [key], across, labels, shown_segment(mesh))
     names = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
     whose = with_layout(name, mesh.segment_names)
     return figure, Words(
