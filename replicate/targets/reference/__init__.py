@@ -269,7 +269,9 @@ def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) 
 
 def _texts(targets: list[str]) -> list[Path]:
     """Execute the notebooks of some targets on the committed results, and write the tables that texts show."""
-    names = [file.stem for file in sorted(notebooks.NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
+    stems = [file.stem for file in sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))]
+    studies = tuple(f"{target}_" for target in targets)  # such as table2_line
+    names = [stem for stem in stems if stem in (*targets, *ALWAYS) or stem.startswith(studies)]
     files = [notebooks.run_notebook(name, "reference") for name in names]
     for name, (text, csv, make_table) in tables_in_texts().items():
         if (file := paths.REFERENCE / csv).is_file():

@@ -1,6 +1,6 @@
 """Table 2 in pictures: every figure of it, from a folder of results alone."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ from replicate.report.results import (
 from replicate.report.tables import Table, round_off
 from replicate.targets.figure09.forehead_wrinkles import figure09
 from replicate.targets.figure10 import figure10, picture_name
-from replicate.targets.table2.rows import CURVES, ROWS
+from replicate.targets.table2.rows import CURVES, ROWS, second_layouts
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -154,6 +154,7 @@ def training_curves(
 
 UNITS = {"mm": "mm", "deg": "degrees"}
 OURS, THEIRS = "#333333", "black"
+MOST = 14  # of more methods the chart shows the standard ones
 LINE, FRAME = 0.37, 1.35  # inches: a method's line, and the space above and below all lines
 BESIDE = 9  # points from a mark to its number
 AT_THE_END = 3  # a dot above a third of the largest value has its number on the left, unless a ring is there
@@ -171,6 +172,8 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
     theirs = STANDS_FOR.get(character, "")
     names = {row.method for row in ours if row.character == character and row.metric == MEASURES[0][0]}
     methods = [method for method in map(method_named, in_order(names)) if method.in_charts]
+    if len(methods) > MOST:
+        methods = [method for method in methods if method.standard]
     figure = Figure((WIDTH, LINE * len(methods) + FRAME), dpi=DPI, layout="constrained")
     phrases, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
@@ -226,6 +229,7 @@ def _write_beside(axes, text: str, value: float, y: int, side: int) -> None:
 
 PAIRS = {"coarse": "coarse_line", "refined": "refined_line", "dense": "dense_line", "pca": "pca_line"}
 LINE_METHOD = "linear"
+STUDIED = ("coarse", "refined", "dense", "linear", "regional")  # the methods in charts of studies
 RATIOS = (("refined", "coarse"), ("refined", "dense"))  # what claims C1, and C2 and C5, compare
 LINE_HEIGHT, LINE_FRAME = 0.36, 1.7  # inches: a network's line, and the space above and below all lines
 NOTE = "Linear: the line alone, ridge regression from rig parameters to vertices."
@@ -274,10 +278,59 @@ def line_chart(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words] |
 
     A cross is the line alone. None if no network has a line beside it.
     """
+    groups = [(character, name) for character in characters_of(rows) for name in compared(rows, character)]
+
+    def ends(character: str, name: str, metric: str) -> list[Row | None]:
+        return [_error(rows, character, method, metric) for method in (name, PAIRS[name], LINE_METHOD)]
+
+    about = (
+        "Each network's mean errors on the test poses, by itself (ring) and beside a ridge regression (arrow's tip). "
+    )
+    return arrow_chart(groups, ends, ("by itself", "beside a straight line", "the line alone"), about)
+
+
+def study_chart(
+    rows: Sequence[Row], others: Sequence[Row], names: tuple[str, str]
+) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return (figure, words): an arrow for each main method of each character, from one set of rows to another.
+
+    rows, others: the sets, of characters of the same names.
+    names: what the sets are.
+    """
+    there = [character for character in characters_of(others) if character in characters_of(rows)]
+    groups = [(character, name) for character in there for name in STUDIED]
+
+    def ends(character: str, name: str, metric: str) -> list[Row | None]:
+        return [_error(each, character, name, metric) for each in (rows, others)]
+
+    about = f"Mean errors on the test poses: {names[0]} (ring) and {names[1]} (arrow's tip). "
+    return arrow_chart([each for each in groups if all(ends(*each, MEASURES[0][0]))], ends, names, about)
+
+
+def layout_chart(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return `study_chart` of characters with rows of a second layout of charts, as of teen@one_face; None without."""
+    both = second_layouts(rows)
+    others = [row for _, each in both.values() for row in each]
+    return study_chart(rows, others, ("the face in bands", ", ".join({layout for layout, _ in both.values()})))
+
+
+def arrow_chart(
+    groups: Sequence[tuple[str, str]],
+    ends: Callable[[str, str, str], Sequence[Row | None]],
+    names: Sequence[str],
+    about: str,
+) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return (figure, words): for each (character, method) an arrow between two errors, and a cross at a third.
+
+    ends: (character, method, metric) → the errors at the arrow's ring, at its tip, and, if there is one, at the cross.
+    names: what these are.
+    about: the beginning of the caption.
+
+    None without groups.
+    """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    groups = [(character, name) for character in characters_of(rows) for name in compared(rows, character)]
     if not groups:
         return None
     owners = list(dict.fromkeys(character for character, _ in groups))
@@ -286,32 +339,33 @@ def line_chart(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words] |
     phrases = []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
         for place, (character, name) in zip(places, groups, strict=True):
-            without, with_line = (_error(rows, character, method, metric).value for method in (name, PAIRS[name]))
+            start, end, *cross = (row.value if row else None for row in ends(character, name, metric))
             colour = method_named(name).colour
             arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 2, "shrinkA": 5, "shrinkB": 0}
-            axes.annotate("", (with_line, place), (without, place), arrowprops=arrow)
-            axes.plot([without, with_line], [place, place], linestyle="", marker="")  # arrows set no limits
-            axes.plot(without, place, "o", markerfacecolor="white", markeredgecolor=colour, markersize=8)
-            if alone := _error(rows, character, LINE_METHOD, metric):
-                axes.plot(alone.value, place, "x", color="black", markersize=7)
-            ends = (round_off(value, unit) for value in (without, with_line))
-            phrases.append(f"{character}, {method_named(name).label}: {' to '.join(ends)} {unit}")
-        names = [f"{character}: {method_named(name).label}" for character, name in groups]
-        axes.set_yticks(places, names)
+            axes.annotate("", (end, place), (start, place), arrowprops=arrow)
+            axes.plot([start, end], [place, place], linestyle="", marker="")  # arrows set no limits
+            axes.plot(start, place, "o", markerfacecolor="white", markeredgecolor=colour, markersize=8)
+            axes.plot([value for value in cross if value], [place] * sum(map(bool, cross)), "x", color="black", ms=7)
+            values = (round_off(value, unit) for value in (start, end))
+            phrases.append(f"{character}, {method_named(name).label}: {' to '.join(values)} {unit}")
+        axes.set_yticks(places, [f"{character}: {method_named(name).label}" for character, name in groups])
         axes.set_ylim(places[-1] + 0.6, -0.6)
         axes.set_xlabel(label)
         axes.margins(x=0.08)
         error_scale(axes)
         tidy(axes)
         enlarge(axes)
-    ring = Line2D([], [], marker="o", linestyle="", markerfacecolor="white", color="0.3", label="by itself")
-    tip = Line2D([], [], marker=">", linestyle="-", color="0.3", label="beside a straight line")
-    cross = Line2D([], [], marker="x", linestyle="", color="black", label="the line alone")
-    figure.legend(handles=[ring, tip, cross], loc="outside upper center", ncols=3, frameon=False, fontsize=LETTER_PT)
+    signs = (
+        {"marker": "o", "linestyle": "", "markerfacecolor": "white", "color": "0.3"},
+        {"marker": ">", "linestyle": "-", "color": "0.3"},
+        {"marker": "x", "linestyle": "", "color": "black"},
+    )
+    handles = [Line2D([], [], label=name, **sign) for name, sign in zip(names, signs, strict=False)]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=LETTER_PT)
+    crosses = f"Crosses: {names[2]}. " if len(names) > 2 else ""
     return figure, Words(
-        f"Two charts of arrows, mean errors without and with a straight line beside a network. {'; '.join(phrases)}.",
-        "Each network's mean errors on the test poses, by itself (ring) and beside a ridge regression (arrow's tip). "
-        "Crosses are the regression alone. The axes are logarithmic.",
+        f"Two charts of arrows, mean errors: {names[0]} and {names[1]}. {'; '.join(phrases)}.",
+        f"{about}{crosses}The axes are logarithmic.",
     )
 
 

@@ -378,16 +378,23 @@ def clips_rows(results: str) -> list[Row]:
     return rows_if_there(paths.WHOLE_CLIPS, ROWS) if results in paths.committed_folders() else []
 
 
-def layout_tables(rows: Sequence[Row]) -> list[Table]:
-    """Return a table for each character with rows of two layouts of charts: its errors with either."""
-    tables, names = [], characters_of(rows)
+def second_layouts(rows: Sequence[Row]) -> dict[str, tuple[str, list[Row]]]:
+    """Return, by character, the name of another layout of its charts and the rows with it, as of teen@one_face."""
+    found, names = {}, characters_of(rows)
     for name in names:
         character, _, layout = name.partition("@")
         if layout and not layout.isdecimal() and character in names:  # a number is a rung of the ladder
             others = [replace(row, character=character) for row in rows if row.character == name]
-            layouts = ("its own charts", layout)
-            tables.append(side_by_side(f"Two layouts of charts: {character}", rows, others, character, layouts))
-    return tables
+            found[character] = layout.replace("_", " "), others
+    return found
+
+
+def layout_tables(rows: Sequence[Row]) -> list[Table]:
+    """Return a table for each character with rows of two layouts of charts: its errors with either."""
+    return [
+        side_by_side(f"Two layouts of charts: {character}", rows, others, character, ("its own charts", layout))
+        for character, (layout, others) in second_layouts(rows).items()
+    ]
 
 
 def profile_tables(rows: Sequence[Row], others: Sequence[Row]) -> list[Table]:
