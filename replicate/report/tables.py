@@ -100,6 +100,9 @@ def _entity(found: re.Match) -> str:
     return f"&#{ord(found[0])};"
 
 
+MANY_COLUMNS = 8  # tables of more have smaller letters on pages
+
+
 def as_html(table: Table, folded: bool = False) -> str:
     """Return the table as HTML, with headers that span columns, and short labels in one line.
 
@@ -113,7 +116,8 @@ def as_html(table: Table, folded: bool = False) -> str:
         for k, (before, row) in enumerate(zip(above, table.body, strict=False))
         if row is not None
     ]
-    whole = f"<table><thead>{head}</thead>\n<tbody>\n" + "\n".join(rows) + "\n</tbody></table>"
+    size = ' style="font-size: 85%"' if len(table.headers[-1]) > MANY_COLUMNS else ""
+    whole = f"<table{size}><thead>{head}</thead>\n<tbody>\n" + "\n".join(rows) + "\n</tbody></table>"
     if table.notes:
         whole += "\n<p>" + "<br>\n".join(unbroken(_html(note)) for note in table.notes) + "</p>"
     if folded:

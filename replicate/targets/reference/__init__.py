@@ -29,7 +29,7 @@ from replicate.targets.reference.times import TIMED_TARGET as GPU_TIMES
 from replicate.targets.reference.times import is_of_gpu, put_gpu_times, times_card
 from replicate.targets.rig_report.shown import report_card
 from replicate.targets.table2.charts import redraw_charts
-from replicate.targets.table2.rows import other_rigs, table2_overview, table2_questions
+from replicate.targets.table2.rows import other_rigs, standard_rows, table2_overview, table2_questions
 from replicate.targets.table3.shown import speed_table, timing_table
 
 
@@ -194,7 +194,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "claims": (RESULTS, "claims.csv", overview),
         "table2_ratios": (RESULTS, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
         "table2_others": (RESULTS, "table2.csv", lambda file: other_rigs(read_results(file))),
-        "table2": (RESULTS, "table2.csv", lambda file: table2_overview(_standard(file), paper)),
+        "table2": (RESULTS, "table2.csv", lambda file: table2_overview(standard_rows(read_results(file)), paper)),
         "table3_speed": (RESULTS, "table3.csv", lambda file: speed_table(read_results(file))),
         "table3": (RESULTS, "table3.csv", lambda file: timing_table(read_results(file), times)),
         "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
@@ -203,11 +203,6 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
         "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
     }
-
-
-def _standard(file: Path) -> list[Row]:
-    """Return a table's rows of the standard methods; the notebook shows the others."""
-    return [row for row in read_results(file) if method_named(row.method).standard]
 
 
 def with_table(text: str, name: str, table: Table) -> str:

@@ -24,7 +24,7 @@ from replicate.report.results import (
 from replicate.report.tables import Table, round_off
 from replicate.targets.figure09.forehead_wrinkles import figure09
 from replicate.targets.figure10 import figure10, picture_name
-from replicate.targets.table2.rows import CURVES, ROWS, second_layouts
+from replicate.targets.table2.rows import CURVES, ROWS, clips_rows, paper_profile_rows, second_layouts
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -312,6 +312,23 @@ def layout_chart(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words]
     both = second_layouts(rows)
     others = [row for _, each in both.values() for row in each]
     return study_chart(rows, others, ("the face in bands", ", ".join({layout for layout, _ in both.values()})))
+
+
+def profile_chart(results: str) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return `study_chart` of some results and those with the profile `paper`; None without them.
+
+    results: "reference", or the profile of a run of yours.
+    """
+    return study_chart(open_results(results).rows, paper_profile_rows(results), ("laptop", "paper"))
+
+
+def clips_chart(results: str) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return `study_chart` of some results and those on whole clips; None without them.
+
+    results: as for `profile_chart`.
+    """
+    names = ("single frames held out", "whole clips held out")
+    return study_chart(open_results(results).rows, clips_rows(results), names)
 
 
 def arrow_chart(

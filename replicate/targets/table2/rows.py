@@ -129,6 +129,11 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
     return Table(heading, headers, (*body, *rule, *extra), (_about(rows, theirs), *_notes(rows, present)))
 
 
+def standard_rows(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows of the methods that tables have without METHODS."""
+    return [row for row in rows if method_named(row.method).standard]
+
+
 def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
     """Return the paper's Table 2: the means of every character beside those of its film character."""
     rows = [row for row in ours if row.table == "table2"]
