@@ -154,7 +154,12 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
             record_timing=False,
             resources={"metadata": {"path": str(NOTEBOOKS)}},
         )
-        environment = os.environ | {"IPYTHONDIR": str(folder), "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
+        places = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        environment = os.environ | {
+            "PYTHONPATH": places,
+            "IPYTHONDIR": str(folder),
+            "PYDEVD_DISABLE_FILE_VALIDATION": "1",
+        }
         try:
             client.execute(env=environment, cleanup_kc=True)
         except CellExecutionError as error:

@@ -104,12 +104,26 @@ def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
     assert titles == [
         "What the paper claims, on our characters",
         "Table 2: teen beside the paper's Hiccup",
-        "Table 2 as ratios: teen beside Hiccup",
-        *(table.title for table in trainings_tables(read_results(paths.REFERENCE / "bench_training.csv"))),
         "Table 2 by segment: teen, mean errors",
+        "Table 2 as ratios: teen beside Hiccup",
     ]
+    first, *_ = (what for what in outputs if hasattr(what, "caption"))
+    assert "(after Fig. 10)" in first.caption and outputs[0] is first, "a face comes first"
     captions = " ".join(words.caption for words in outputs if hasattr(words, "caption"))
     assert all(f"Test pose {pose} of teen" in captions for pose in (5, 3, 8)) and captions.count("Fig.") == 4
+
+
+def test_studies_of_table2_show_a_chart_and_their_tables(monkeypatch):
+    titles = {}
+    for name in ("line", "layouts", "profiles", "clips", "training"):
+        outputs = run_cells(notebooks.NOTEBOOKS / f"table2_{name}.ipynb", monkeypatch, "reference")
+        assert name == "training" or hasattr(outputs[0], "caption"), "a chart comes first"
+        titles[name] = [table.title for table in outputs if hasattr(table, "title")]
+    assert titles["layouts"] == ["Two layouts of charts: teen"]
+    assert titles["profiles"][:2] == ["Two profiles: teen", "Two profiles: toon"] and len(titles["line"]) >= 4
+    assert titles["clips"][0] == "Two splits: teen"
+    expected = [table.title for table in trainings_tables(read_results(paths.REFERENCE / "bench_training.csv"))]
+    assert titles["training"] == expected
 
 
 def in_manifest(folder: Path, target: str, characters: dict[str, dict]) -> None:
@@ -120,8 +134,8 @@ def in_manifest(folder: Path, target: str, characters: dict[str, dict]) -> None:
     file.write_text(json.dumps(manifest))
 
 
-def run_cells(path: Path, monkeypatch) -> list:
-    """Run a notebook's code on the results of "quick" and return what it shows: tables, texts, files, words."""
+def run_cells(path: Path, monkeypatch, results: str = "quick") -> list:
+    """Run a notebook's code on some results and return what it shows: tables, texts, files, words."""
     outputs = []
     for name in ("show_table", "show_text", "show_picture"):
         monkeypatch.setattr(notebooks, name, lambda what, **named: outputs.append(what))
@@ -129,7 +143,7 @@ def run_cells(path: Path, monkeypatch) -> list:
     monkeypatch.setattr(notebooks, "show", lambda figure, words, *size, **named: outputs.append(words))
     first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}
-    for source in (with_parameters(first, {"RESULTS": "quick"}), *others):
+    for source in (with_parameters(first, {"RESULTS": results}), *others):
         exec(source, names)
     return outputs
 

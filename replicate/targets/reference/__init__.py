@@ -16,9 +16,8 @@ from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.benchmarks.common import merge
 from replicate.cli.target_list import target_table
 from replicate.config import check_profile
-from replicate.methods.method_registry import method_named
 from replicate.report import manifest, notebooks
-from replicate.report.results import COLUMNS, Row, read_curves, read_results, write_curves
+from replicate.report.results import COLUMNS, read_curves, read_results, write_curves
 from replicate.report.tables import Table, as_markdown
 from replicate.targets.claims import claims_in_brief, overview, write_claims
 from replicate.targets.claims.rules import gather
