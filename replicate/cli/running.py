@@ -24,6 +24,8 @@ from replicate.methods.plan import Plan
 from replicate.report import manifest
 from replicate.report.publication import CharacterResult, check_results_folder
 
+Rig = tuple[Plan, Sequence[Method]]  # a configuration's plan and the methods of its table
+
 
 def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]]) -> list[CharacterResult]:
     """Make the stages of every character and seed that the command line names; return the result of each.
@@ -39,33 +41,35 @@ def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]])
 
 
 def make_rows(
-    options: argparse.Namespace, stages: Callable[[Plan, Sequence[Method]], Sequence[Stage]]
-) -> tuple[list[CharacterResult], list[str]]:
-    """Make the stages of a table whose rows are methods; a method that fails on a character loses only that row.
+    options: argparse.Namespace,
+    graphs: Callable[[Sequence[Rig]], Sequence[Sequence[Stage]]],
+    publish: Callable[[Sequence[CharacterResult]], object],
+) -> None:
+    """Make the stages of a table whose rows are methods, and publish it; a failing method loses only its own row.
 
-    stages: (a plan, its methods) → its stages, as for `make`.
+    graphs: each configuration's plan and methods → the stages of each, as for `make`
+    publish: writes and prints the result of each configuration
 
-    Returns the result of each configuration, and a sentence for each missing row. Raises the first error if a character
-    has no row left.
+    Raises RunError with a sentence for each missing row after it has published the others, and the first error, with
+    nothing published, if no method is left or it was none of theirs.
     """
     configs = configurations(options)
     methods_of = [list(methods(options, config)) for config in configs]
     missing: dict[tuple[str, str], str] = {}
+    failures: dict[str, InputError | RunError] = {}
     while True:
-        graphs = [list(stages(Plan(config), chosen)) for config, chosen in zip(configs, methods_of, strict=True)]
-        failures: dict[str, InputError | RunError] = {}
-        _run(options, configs, graphs, failures)
+        made = graphs([(Plan(config), chosen) for config, chosen in zip(configs, methods_of, strict=True)])
+        failures.clear()
+        _run(options, configs, made, failures)
         if not failures:
-            return _results(configs, graphs), [
-                f"{character} has no row of {name}: {reason}" for (character, name), reason in sorted(missing.items())
-            ]
+            break
         # which methods needed a failed stage; the others are tried again without them
         lost = {
             (character_label(config.character), method.name): str(failures[title])
             for config, chosen in zip(configs, methods_of, strict=True)
             for method in chosen
             for title in sorted(
-                failures.keys() & {stage.title for stage in in_order(list(stages(Plan(config), [method])))}
+                failures.keys() & {stage.title for stage in in_order(list(graphs([(Plan(config), [method])])[0]))}
             )
         }
         methods_of = [
@@ -75,6 +79,10 @@ def make_rows(
         if not lost or not all(methods_of):
             raise next(iter(failures.values()))
         missing |= lost
+    publish(_results(configs, made))
+    if missing:
+        rows = sorted(missing.items())
+        raise RunError("; ".join(f"{character} has no row of {name}: {reason}" for (character, name), reason in rows))
 
 
 def _run(

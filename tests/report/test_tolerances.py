@@ -18,7 +18,7 @@ from replicate.timing.single_poses import EXACT, parted
 TOLERANCES = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text(encoding="utf-8"))
 TABLES = TOLERANCES["tables"]
 PARTS = [(table, character) for table, facts in TABLES.items() for character in facts["characters"]]
-PLACES = ("one_core", "all_cores")
+PLACES = ("one_core", "all_cores", "gpu")
 FAULTS = sorted({entry["fault"] for entry in TOLERANCES["ratio"] if "fault" in entry})
 REPLACED = {"refinement_left_out": ("refined", "coarse"), "half_of_the_bones": ("lbs32", "lbs16")}
 STANDARD = (
@@ -27,6 +27,16 @@ STANDARD = (
 )
 TIMED = ("coarse", "refined", "dense", "regional", "linear")
 MEANS = ("vertex_error_mean", "normal_error_mean")
+
+
+def like(table: str) -> str:
+    """Return the table that one in a folder of its own is like: its file and ratios are that table's."""
+    return TABLES[table].get("like", table)
+
+
+def parts_like(table: str) -> list[tuple[str, str]]:
+    return [part for part in PARTS if like(part[0]) == table]
+
 
 StageSettings = dict[tuple[str, str], float]  # of one table and character, by method and metric
 
@@ -52,25 +62,30 @@ def reference_file(name: str, target: str) -> Path:
 
 @cache
 def committed_rows(table: str) -> list[Row]:
-    return read_results(reference_file(f"{table}.csv", TABLES[table]["target"]))
+    return read_results(reference_file(f"{place_of(table)}.csv", TABLES[table]["target"]))
+
+
+def place_of(table: str) -> str:
+    """Return the path of a table's file within the reference results, without its ending."""
+    return str(Path(TABLES[table].get("folder", ""), like(table)))
 
 
 @cache
 def committed(table: str, character: str) -> StageSettings:
     """Return the committed numbers of a table; of its segments those of the attachment alone, which has a band."""
     rows = (row for row in committed_rows(table) if row.character == character)
-    return {row.key[2:]: row.value for row in rows if row.table == table or row.method == "attachment"}
+    return {row.key[2:]: row.value for row in rows if row.table == like(table) or row.method == "attachment"}
 
 
 @cache
-def committed_seeds() -> dict[int, list[Row]]:
-    return read_seeds(reference_file("table2_seeds.csv", "make table2"))
+def committed_seeds(table: str) -> dict[int, list[Row]]:
+    return read_seeds(reference_file(f"{place_of(table)}_seeds.csv", TABLES[table]["target"]))
 
 
 @cache
-def seeds_of(character: str) -> dict[int, StageSettings]:
-    """Return Table 2's committed numbers of every seed by itself."""
-    seeds = committed_seeds()
+def seeds_of(table: str, character: str) -> dict[int, StageSettings]:
+    """Return the committed numbers of every seed of a Table 2 by itself."""
+    seeds = committed_seeds(table)
     numbers = {
         seed: {row.key[2:]: row.value for row in rows if row.character == character} for seed, rows in seeds.items()
     }
@@ -83,11 +98,14 @@ def target_of(table: str, character: str) -> str:
 
 
 def with_ratios(numbers: StageSettings) -> StageSettings:
-    """Return Table 3's numbers with what is judged of its times: speed-ups, and each evaluation over the best."""
-    found = dict(numbers)
+    """Return Table 3's numbers with what is judged of its times: speed-ups, and each evaluation over the best.
+
+    Of a GPU's also the least time over that of one core.
+    """
+    found, bests = dict(numbers), {}
     for place in PLACES:
         times = {name: ms for (name, metric), ms in numbers.items() if metric == f"time_{place}"}
-        best: dict[str, float] = {}
+        best = bests.setdefault(place, {})
         for name, ms in times.items():
             method, ending = parted(name)
             if ending in EXACT:
@@ -95,11 +113,12 @@ def with_ratios(numbers: StageSettings) -> StageSettings:
         for slow in {"rig", "rig_nodes", "refined"} & best.keys():
             found |= {(method, f"speed_up_{place}[{slow}]"): best[slow] / ms for method, ms in best.items()}
         found |= {(name, f"slower_than_best_{place}"): ms / best[parted(name)[0]] for name, ms in times.items()}
-    return found
+    on_one, on_gpu = bests["one_core"], bests["gpu"]
+    return found | {(method, "gpu_over_one_core"): ms / on_one[method] for method, ms in on_gpu.items()}
 
 
 def judged(table: str, numbers: StageSettings) -> StageSettings:
-    return with_ratios(numbers) if table == "table3" else numbers
+    return with_ratios(numbers) if like(table) == "table3" else numbers
 
 
 def _levels(table: str, character: str) -> Iterator[Band]:
@@ -120,9 +139,10 @@ def _levels(table: str, character: str) -> Iterator[Band]:
 def _ratios(table: str, character: str) -> Iterator[Band]:
     keys = judged(table, committed(table, character))
     for entry in TOLERANCES["ratio"]:
-        if entry["table"] != table:
+        if like(table) != entry["table"] != table or table in entry.get("absent", ()):
             continue
-        low, high = entry.get("other", {}).get(character, (entry["low"], entry["high"]))
+        other = entry.get("other", {})
+        low, high = other.get(table) or other.get(character) or (entry["low"], entry["high"])
         method, metric = entry["value"]["method"], entry["value"]["metric"]
         found = [key for key in keys if re.fullmatch(method, key[0]) and re.fullmatch(metric, key[1])]
         for key in found or [(method, metric)]:  # a number that is missing is asked for by name
@@ -247,18 +267,18 @@ def test_committed_results_lie_in_their_bands(table, character):
     assert not complaints
 
 
-@pytest.mark.parametrize("character", TABLES["table2"]["characters"])
-def test_every_seed_by_itself_lies_in_the_bands(character):
-    several = any((row.seeds or 0) > 1 for row in committed_rows("table2") if row.character == character)
-    assert len(seeds_of(character)) == (3 if several else 1)
-    for numbers in seeds_of(character).values():
-        complaints = [*red("table2", character, numbers, partly=True).values()]
+@pytest.mark.parametrize(("table", "character"), parts_like("table2"))
+def test_every_seed_by_itself_lies_in_the_bands(table, character):
+    several = any((row.seeds or 0) > 1 for row in committed_rows(table) if row.character == character)
+    assert len(seeds_of(table, character)) == (3 if several else 1)
+    for numbers in seeds_of(table, character).values():
+        complaints = [*red(table, character, numbers, partly=True).values()]
         assert not complaints
 
 
-@pytest.mark.parametrize("character", TABLES["table2"]["characters"])
-def test_numbers_of_segments_agree_with_those_of_the_whole(character):
-    for numbers in seeds_of(character).values():
+@pytest.mark.parametrize(("table", "character"), parts_like("table2"))
+def test_numbers_of_segments_agree_with_those_of_the_whole(table, character):
+    for numbers in seeds_of(table, character).values():
         assert not segments_that_disagree(numbers)
 
 
@@ -267,14 +287,19 @@ def test_every_character_of_a_table_has_bands_of_its_profile(table):
     facts = TABLES[table]
     assert {row.character for row in committed_rows(table)} == set(facts["characters"])
     for row in committed_rows(table):
-        assert row.profile == facts.get("profiles", {}).get(row.character, "laptop"), row.key
+        assert row.profile == facts.get("profiles", {}).get(row.character, facts.get("profile", "laptop")), row.key
+
+
+def test_every_table_in_a_folder_of_its_own_has_bands():
+    found = {file.relative_to(paths.REFERENCE) for file in paths.REFERENCE.glob("*/table[1-4].csv")}
+    assert found == {Path(f"{place_of(table)}.csv") for table, facts in TABLES.items() if "folder" in facts}
 
 
 @pytest.mark.parametrize(("table", "character"), PARTS)
 def test_every_number_has_a_band_or_a_reason_why_it_has_none(table, character):
     banded = {band.key for band in bands_of(table, character)}
-    banded |= {band.over for band in bands_of(table, character) if table == "table3"}
-    without = [entry["metric"] for entry in TOLERANCES["unjudged"] if entry["table"] == table]
+    banded |= {band.over for band in bands_of(table, character) if like(table) == "table3"}
+    without = [entry["metric"] for entry in TOLERANCES["unjudged"] if entry["table"] == like(table)]
     bare = {
         (method, metric)
         for method, metric in committed(table, character).keys() - banded
@@ -323,10 +348,10 @@ def test_bands_of_table_1_go_red_under_faults(character):
         assert {one, other} <= methods_in(red("table1", character, swapped(sound, one, other, "model_size.*")))
 
 
-@pytest.mark.parametrize("character", TABLES["table2"]["characters"])
+@pytest.mark.parametrize(("table", "character"), parts_like("table2"))
 @pytest.mark.parametrize("fault", FAULTS)
-def test_bands_of_table_2_go_red_under_what_a_fault_did_to_the_teen(character, fault):
-    sound, faulty = committed("table2", character), {}
+def test_bands_of_table_2_go_red_under_what_a_fault_did_to_the_teen(table, character, fault):
+    sound, faulty = committed(table, character), {}
     before, after = (faulty_rows(name) for name in ("sound", fault))
     for (method, metric), value in after.items():
         if metric.startswith(MEANS) and (method, metric) in sound:
@@ -337,21 +362,21 @@ def test_bands_of_table_2_go_red_under_what_a_fault_did_to_the_teen(character, f
         method, by = REPLACED[fault]
         faulty = {(method, metric): value for (name, metric), value in sound.items() if name == by}
     concerned = {method for method, metric in after if after[method, metric] != before[method, metric]}
-    left = red("table2", character, sound | faulty)
+    left = red(table, character, sound | faulty)
     assert concerned <= methods_in(left)
-    assert {band for band in bands_of("table2", character) if band.fault == fault} <= left.keys()
+    assert {band for band in bands_of(table, character) if band.fault == fault} <= left.keys()
 
 
-@pytest.mark.parametrize("character", TABLES["table2"]["characters"])
-def test_bands_of_table_2_go_red_where_methods_or_units_are_mixed_up_or_an_error_is_off_by_a_quarter(character):
-    sound = committed("table2", character)
+@pytest.mark.parametrize(("table", "character"), parts_like("table2"))
+def test_bands_of_table_2_go_red_where_methods_or_units_are_mixed_up_or_an_error_is_off_by_a_quarter(table, character):
+    sound = committed(table, character)
     for one, other in combinations(STANDARD, 2):
-        assert red("table2", character, swapped(sound, one, other, "(vertex|normal)_error_mean"))
+        assert red(table, character, swapped(sound, one, other, "(vertex|normal)_error_mean"))
     for method in {method for method, _ in sound if character != "rigify" or method != "attachment"}:
         units = ((".*vertex_error.*", 1e-3), (".*vertex_error.*", 10), (".*normal_error.*", pi / 180))
         for metric, factor in (*units, *((metric, factor) for metric in MEANS for factor in (1.25, 0.8))):
             faulty = changed(sound, lambda value, factor=factor: value * factor, method, metric)
-            assert method in methods_in(red("table2", character, faulty))
+            assert method in methods_in(red(table, character, faulty))
 
 
 def test_bands_hold_the_sound_run_of_bench_faults_and_each_fault_leaves_those_that_name_it():
@@ -362,34 +387,47 @@ def test_bands_hold_the_sound_run_of_bench_faults_and_each_fault_leaves_those_th
         assert naming and set(naming) <= left.keys()
 
 
-@pytest.mark.parametrize("character", TABLES["table2"]["characters"])
-def test_a_fault_in_segments_alone_disagrees_with_the_whole(character):
-    sound = seeds_of(character)[0]
+@pytest.mark.parametrize(("table", "character"), parts_like("table2"))
+def test_a_fault_in_segments_alone_disagrees_with_the_whole(table, character):
+    sound = seeds_of(table, character)[0]
     for factor in (1e-3, 1e3, pi / 180):
         for metric in (r"vertex_error_mean\[.*", r"normal_error_max\[.*"):
             assert segments_that_disagree(changed(sound, lambda value, factor=factor: value * factor, "coarse", metric))
 
 
-@pytest.mark.parametrize("character", TABLES["table3"]["characters"])
-def test_bands_of_table_3_go_red_under_faults(character):
-    sound, timed = committed("table3", character), "(time|median|p05|p95)_.*"
+@pytest.mark.parametrize(("table", "character"), parts_like("table3"))
+def test_bands_of_table_3_go_red_under_faults(table, character):
+    sound, timed = committed(table, character), "(time|median|p05|p95)_.*"
     speeds = with_ratios(sound)
     for factor in (1e3, 1e-3, 2):  # microseconds or seconds for milliseconds; each pose evaluated twice
         for rig in ("rig", "rig_nodes"):
             faulty = changed(sound, lambda ms, factor=factor: ms * factor, rig, timed)
-            assert {*TIMED, "rig"} <= methods_in(red("table3", character, faulty))
+            assert {*TIMED, "rig"} <= methods_in(red(table, character, faulty))
         for method in TIMED:
             faulty = changed(sound, lambda ms, factor=factor: ms * factor, f"{method}(_.*)?", timed)
-            assert method in methods_in(red("table3", character, faulty))
+            assert method in methods_in(red(table, character, faulty))
     for one, other in [("rig", "rig_nodes"), *combinations(TIMED, 2)]:
         pair = [speeds[name, "speed_up_one_core[rig]"] for name in (one, other)]
         if max(pair) > 1.2 * min(pair):  # two runs can be further apart than some dense networks and CNNs are
-            assert {one, other} & methods_in(red("table3", character, swapped(sound, one, other, timed)))
+            assert {one, other} & methods_in(red(table, character, swapped(sound, one, other, timed)))
     for method in TIMED:  # what falls back to torch's operations, or computes something else
         slow = {(f"{method}_fast", metric): ms for (name, metric), ms in sound.items() if name == method}
         wrong = {(f"{method}_fast", "largest_difference"): 0.01}
         for faulty in (slow, wrong):
-            assert f"{method}_fast" in methods_in(red("table3", character, sound | faulty))
+            assert f"{method}_fast" in methods_in(red(table, character, sound | faulty))
+
+
+@pytest.mark.parametrize("character", TABLES["table3_gpu"]["characters"])
+def test_bands_of_the_gpus_machine_go_red_under_faults_of_its_gpu_alone(character):
+    sound, timed = committed("table3_gpu", character), "(time|median|p05|p95)_gpu"
+    for method in TIMED:
+        for factor in (1e3, 1e-3, 2, 0.5):  # another unit; each pose evaluated twice; half of the work left out
+            faulty = changed(sound, lambda ms, factor=factor: ms * factor, f"{method}_gpu(_graph)?", timed)
+            assert method in methods_in(red("table3_gpu", character, faulty))
+        calls = {(f"{method}_gpu_graph", key[1]): ms for key, ms in sound.items() if key[0] == f"{method}_gpu"}
+        assert f"{method}_gpu" in methods_in(red("table3_gpu", character, sound | calls)), "nothing is recorded"
+        wrong = {(f"{method}_gpu_graph", "largest_difference"): 0.01}
+        assert f"{method}_gpu_graph" in methods_in(red("table3_gpu", character, sound | wrong))
 
 
 @pytest.mark.parametrize("character", TABLES["table4"]["characters"])

@@ -16,6 +16,7 @@ from replicate.targets.claims import (
     claim_chart,
     claims_in_brief,
     claims_table,
+    overview,
     reasons_table,
     verdicts_of_table2,
     write_claims,
@@ -210,6 +211,25 @@ def test_make_claims_judges_a_run_and_the_committed_results_where_it_has_none(fo
     assert "C3 teen: holds." in text and "numbers from quick: teen; reference: " in text
     assert cli.main(["claims", "--profile", "quick", "--latex"]) == 0
     assert r"\begin{tabular}" in capsys.readouterr().out
+
+
+def test_a_terminal_of_120_columns_shows_the_committed_verdicts_word_for_word(capsys, monkeypatch, folders):
+    monkeypatch.setattr(paths, "REFERENCE", notebooks.REFERENCE)  # the real ones
+    assert cli.main(["claims", "--profile", "laptop"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines[:-1])) <= 120, "the last line names a folder"
+    assert not any(line.endswith("±") or line.lstrip().startswith("±") for line in lines)
+    text, table = " ".join(" ".join(lines).split()), overview(notebooks.REFERENCE / "claims.csv")
+    assert all(note in text for note in table.notes)
+    assert all(
+        verdict.reason in text for verdict in read_verdicts(notebooks.REFERENCE / "claims.csv") if verdict.results
+    )
+    first = next(k for k, line in enumerate(lines) if line.startswith("C10 "))
+    claim = f"{lines[first].partition('  ')[0]} {lines[first + 1].strip()}"
+    assert claim == f"C10 {claim_named('C10').text}" and lines[first].split()[-6:-2] == ["holds"] * 4
+    heading = next(k for k, line in enumerate(lines) if line.split()[:2] == ["teen", "woman"])
+    assert lines[heading + 1].split()[:2] == ["(Hiccup)", "(Valka)"]
+    assert lines[heading].index("dragon") == lines[heading + 1].index("(Toothless)")
 
 
 def test_benchmarks_of_ones_own_come_before_committed_ones(folders):

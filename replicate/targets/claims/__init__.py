@@ -5,7 +5,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from replicate.engine.provenance import as_lines
 from replicate.report.notebooks import folder_of, provenance_text, run_notebook
 from replicate.report.publication import alone, results_folder
 from replicate.report.results import STANDS_FOR, Row, characters_of, order_of, seeds_in_words
-from replicate.report.tables import Table, as_latex, as_text
+from replicate.report.tables import Table, as_latex, as_text, unbroken
 from replicate.targets.claims.rules import (
     SPREADS,
     Comparison,
@@ -77,13 +77,13 @@ def publish(profile: str, latex: bool = False) -> None:
     if latex:
         print(as_latex(table))
         return
-    print(as_text(table))
+    print(as_text(for_terminal(table)))
     profiles = _profiles(verdicts)
     for verdict in verdicts:
         if verdict.verdict != NOT_TESTED:
             whose = _with_profile(verdict.character, verdict.profile, profiles)
-            print(f"{verdict.claim} {whose}: {verdict.verdict}. {verdict.reason}")
-    print(f"\n{origin(verdicts)}")
+            print(_in_lines(f"{verdict.claim} {whose}: {verdict.verdict}. {verdict.reason}"))
+    print(f"\n{_in_lines(origin(verdicts))}")
     print(f"written to {display_path(folder)}: {FILE}, and claims.ipynb to read it in")
 
 
@@ -184,6 +184,29 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     header = ("", *(_heading(*column, shown) for column in columns))
     title = "What the paper claims, on our characters"
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))
+
+
+LINE_LETTERS, CLAIM_LETTERS = 120, 24  # a terminal's width, and what a claim's column keeps of it at least
+
+
+def for_terminal(table: Table) -> Table:
+    """Return the table of claims for a terminal: claims and notes in lines, what is in brackets below a heading."""
+    headings = [heading.replace(" (", "\n(", 1).partition("\n") for heading in table.headers[0]]
+    headers = tuple(heading[0] for heading in headings), tuple(heading[2] for heading in headings)
+    _, *columns = zip(*headers, *table.body, strict=True)
+    room = max(CLAIM_LETTERS, LINE_LETTERS - sum(2 + max(map(len, column)) for column in columns))
+    body = []
+    for claim, *cells in table.body:
+        start, *more = _in_lines(claim, room).split("\n")
+        body += [(start, *cells), *((line, *("" for _ in cells)) for line in more)]
+    shown = headers if any(headers[1]) else headers[:1]
+    return replace(table, headers=shown, body=tuple(body), notes=tuple(map(_in_lines, table.notes)))
+
+
+def _in_lines(text: str, letters: int = LINE_LETTERS) -> str:
+    """Return a text in lines of so many letters, all but the first indented; none ends beside a ±."""
+    lines = textwrap.fill(unbroken(text), letters, subsequent_indent="    ", break_on_hyphens=False)
+    return lines.replace("\u00a0", " ")
 
 
 def _profiles(verdicts: Iterable[Verdict], *characters: str) -> list[str]:

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from replicate.base.exceptions import RunError
 from replicate.base.files import copy_file
 from replicate.base.paths import PAPER, display_path
 from replicate.cli.running import make_rows
@@ -51,10 +50,11 @@ def run(options: argparse.Namespace) -> None:
 
     Raises RunError for methods that failed, after it has published the other rows.
     """
-    results, missing = make_rows(options, stages)
-    publish(results, not options.numbers_only)
-    if missing:
-        raise RunError("; ".join(missing))
+    make_rows(
+        options,
+        lambda rigs: [stages(plan, chosen) for plan, chosen in rigs],
+        lambda results: publish(results, not options.numbers_only),
+    )
 
 
 # Table 2 as a person reads it: its files in results/runs/<profile>/, printed, with figures and notebook.

@@ -8,8 +8,7 @@ from datetime import UTC, datetime
 from replicate.base import paths
 from replicate.base.files import copy_file
 from replicate.base.paths import PAPER, display_path
-from replicate.cli.options import configurations, methods
-from replicate.cli.running import make
+from replicate.cli.running import make_rows
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, measurement
 from replicate.methods.measurement import reading
@@ -33,7 +32,7 @@ def stages(plan: Plan, methods: Sequence[Method], timing: Stage | None = None) -
     """
     timing = timing or timing_stage([(plan, methods)])
     rows = plan.stage("table3", read_rows, RowsSettings(_file(plan)), timing)
-    return [*(stage for method in _timed(methods) for stage in method.stages(plan)), rows]
+    return [*(stage for method in _timed(methods) for stage in (*method.stages(plan), _check(plan, method))), rows]
 
 
 def timing_stage(rigs: Sequence[tuple[Plan, Sequence[Method]]], measured: str = "") -> Stage:
@@ -49,7 +48,7 @@ def timing_stage(rigs: Sequence[tuple[Plan, Sequence[Method]]], measured: str = 
         needed = {
             stage.name: stage for stage in (*shared, *(stage for method in timed for stage in method.stages(plan)))
         }
-        inputs |= {stage.title: stage for stage in needed.values()}
+        inputs |= {stage.title: stage for stage in (*needed.values(), *(_check(plan, method) for method in timed))}
         functions += [reference(source) for method in timed for source in reading(method, plan.config).sources]
         timed_rigs.append(
             RigSettings(
@@ -71,6 +70,11 @@ def _timed(methods: Sequence[Method]) -> list[Method]:
     return [method for method in methods if not method.oracle]
 
 
+def _check(plan: Plan, method: Method) -> Stage:
+    """Return Table 2's measurement of a method, by which one that fails is found before all are timed together."""
+    return measurement.stage(plan, method)
+
+
 def _file(plan: Plan) -> str:
     return f"{plan.character}-seed{plan.config.seed}.csv"
 
@@ -89,10 +93,17 @@ def read_rows(context: StageContext) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make the methods of every character, time all of them together, publish the rows and print them."""
+    """Make the methods of every character, time all of them together, publish the rows and print them.
+
+    Raises RunError for methods that failed, after it has published the other rows.
+    """
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    timing = timing_stage([(Plan(config), methods(options, config)) for config in configurations(options)], now)
-    publish(make(options, lambda plan: stages(plan, methods(options, plan.config), timing)))
+
+    def graphs(rigs: Sequence[tuple[Plan, Sequence[Method]]]) -> list[list[Stage]]:
+        timing = timing_stage(rigs, now)
+        return [stages(plan, chosen, timing) for plan, chosen in rigs]
+
+    make_rows(options, graphs, publish)
 
 
 def publish(results: Sequence[CharacterResult]) -> None:
