@@ -117,11 +117,12 @@ $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
 	@exec $(RUN) -m jupyterlab --LabApp.default_url=/lab/tree/notebooks
 
+# Many containers say PYTHONDONTWRITEBYTECODE. Each process that tests start would then parse all sources anew.
 test: $(ENVIRONMENT) ## run all tests
-	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	@exec env -u PYTHONDONTWRITEBYTECODE $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 test-fast: $(ENVIRONMENT) ## run the tests that take moments: nothing is trained, no browser and no cluster started
-	@exec $(RUN) -m pytest -m "not slow" -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	@exec env -u PYTHONDONTWRITEBYTECODE $(RUN) -m pytest -m "not slow" -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 lint: $(ENVIRONMENT) ## check the style of the sources, and the types of the contracts
 	$(RUN) -m ruff check .

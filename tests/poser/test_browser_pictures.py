@@ -13,9 +13,10 @@ from replicate.inverse.control_points import control_points
 from replicate.poser import browser_pictures
 from replicate.poser.face_page import posed_vertices
 
-FACE = posed_face()
-POINTS = control_points(FACE.rig, FACE.influence)
-REST = posed_vertices(FACE, FACE.rig.default[None])[0, POINTS.vertices]
+
+@pytest.fixture(scope="module")
+def face():
+    return posed_face()
 
 
 @pytest.fixture
@@ -30,13 +31,14 @@ def program():
     return browser_pictures.browser() or pytest.skip("needs a browser")
 
 
-def test_a_link_poses_the_page(page, tmp_path, program):
-    targets = REST + np.float32([3, -2, 0])
-    params = FACE.dragged(FACE.rig.default, REST, targets)
-    assert np.abs(params).max() > 0.05 and (params >= FACE.rig.lower).all() and (params <= FACE.rig.upper).all()
+def test_a_link_poses_the_page(face, page, tmp_path, program):
+    rest = posed_vertices(face, face.rig.default[None])[0, control_points(face.rig, face.influence).vertices]
+    targets = rest + np.float32([3, -2, 0])
+    params = face.dragged(face.rig.default, rest, targets)
+    assert np.abs(params).max() > 0.05 and (params >= face.rig.lower).all() and (params <= face.rig.upper).all()
     with Tab(tmp_path) as tab:
         tab.open(
-            f"{page.as_uri()}#{browser_pictures.pose_link(FACE, params, targets)}",
+            f"{page.as_uri()}#{browser_pictures.pose_link(face, params, targets)}",
             "window.mounted && mounted.then(Boolean)",
         )
         lists = tab.evaluate("mounted.then(({pose}) => [Array.from(pose.params), Array.from(pose.targets)])")
@@ -44,14 +46,14 @@ def test_a_link_poses_the_page(page, tmp_path, program):
     np.testing.assert_allclose(np.reshape(lists[1], (-1, 3)), targets, atol=0.011)
 
 
-def test_a_strip_shows_the_face_at_rest_and_after_each_drag(page, program, monkeypatch):
-    assert browser_pictures.strip(FACE, page, program) is None, "no point is called so"
+def test_a_strip_shows_the_face_at_rest_and_after_each_drag(face, page, program, monkeypatch):
+    assert browser_pictures.strip(face, page, program) is None, "no point is called so"
     seen, real = [], browser_pictures.picture
     monkeypatch.setattr(
         browser_pictures, "DRAGS", (("point_01", "the first point", (6.0, 5.0)), ("nobody", "", (1.0, 1.0)))
     )
     monkeypatch.setattr(browser_pictures, "picture", lambda *call: seen.append(real(*call)) or seen[-1])
-    figure, words = browser_pictures.strip(FACE, page, program)
+    figure, words = browser_pictures.strip(face, page, program)
     assert [text.get_text() for text in figure.texts] == ["at rest", "the first point dragged up"]
     assert "pose the small in" in words.alt and "the first point dragged up" in words.alt
     assert [picture.shape for picture in seen] == [(*browser_pictures.SIZE[::-1], 3)] * 2

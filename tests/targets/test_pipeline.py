@@ -32,17 +32,17 @@ steps = 40
 [dense.training]
 steps = 250
 [driven.training]
-steps = 60
+steps = 20
 [pca]
 components = 40
 basis_samples = 200
 [pca.training]
-steps = 60
+steps = 20
 [pca_line]
 components = 40
 basis_samples = 200
 [pca_line.training]
-steps = 60
+steps = 20
 [dense_compact]
 samples = 200
 [regional]
@@ -59,7 +59,15 @@ basis_samples = 200
 hidden = [32, 32]
 derivatives = 1.0
 [regional_derivatives.training]
-steps = 60
+steps = 10
+[coarse_released.training]
+steps = 20
+[refined_released.training]
+steps = 10
+[dense_released.training]
+steps = 20
+[dense_released_narrow.training]
+steps = 20
 [rigid]
 poses = 40
 [lbs]
