@@ -58,7 +58,8 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     values = {row.character: row.value for row in read_results(reference_folder / "bench_floors.csv")}
     assert values == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
     assert manifest.targets(reference_folder) == ["table2", "bench_floors"]
-    assert notebook_names == ["claims", "rig_tour", "table2"]
+    studies = [f"table2_{name}" for name in ("clips", "layouts", "line", "profiles", "training")]
+    assert notebook_names == ["claims", "rig_tour", "table2", *studies]
     brief = reference.README.read_text()
     assert (
         brief.count("\nold\n") == len(TABLES) - 1
