@@ -4,6 +4,7 @@ import argparse
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.base.user_files import words
 from replicate.cli.options import methods
-from replicate.cli.running import make
+from replicate.cli.running import make, plan_with_trained
+from replicate.cli.target_list import targets
+from replicate.config import Config
 from replicate.deployment.c_face import TEMPLATES, CFace, c_files
 from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_model, in_words
 from replicate.engine.stage import Stage, StageContext, stage_function
@@ -26,6 +29,7 @@ from replicate.methods import artefacts, measurement, regional
 from replicate.methods.measurement import vertices_of
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
+from replicate.methods.trained import TrainedPlan, entries
 from replicate.report.publication import publish_files
 
 
@@ -45,11 +49,34 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
 def run(options: argparse.Namespace) -> None:
     """Write the models of every character and publish them."""
-    results = make(options, lambda plan: stages(plan, deployable(methods(options, plan.config), options.methods)))
+    results = make(options, lambda plan: stages(plan, written(options, plan)), partial(plan_of, options))
     folder, files = publish_files("deploy", results)
     notes = {name: text for result in results for name, text in read_manifest(result.folder)["notes"]["files"].items()}
     for name in (name for names in files.values() for name in names):
         print(f"written to {paths.display_path(folder / name)}: {notes.get(name, 'see REPRODUCING')}")
+
+
+def plan_of(options: argparse.Namespace, config: Config) -> Plan:
+    """Return a character's plan, where it can be with the models that come with the repository."""
+    shown = with_trained_models(options, config)
+    needed = [name for method in shown for name in (method.name, f"{measurement.PREFIX}{method.name}")]
+    return plan_with_trained(options, config, shown, [*needed, "rigid"]) if shown else Plan(config)
+
+
+def written(options: argparse.Namespace, plan: Plan) -> list[Method]:
+    """Return the methods whose models are written under a plan."""
+    if isinstance(plan, TrainedPlan):
+        return with_trained_models(options, plan.config)
+    return deployable(methods(options, plan.config), options.methods)
+
+
+def with_trained_models(options: argparse.Namespace, config: Config) -> list[Method]:
+    """Return the chosen methods, or those with models in the repository if the command line names none."""
+    chosen = deployable(methods(options, config), options.methods)
+    if words(options.methods) != list(targets()["deploy"].methods):
+        return chosen
+    facts = entries().get(config.character)
+    return [method for method in chosen if facts and method.name in facts["stages"]]
 
 
 def deployable(chosen: Sequence[Method], text: str | Sequence[str]) -> list[Method]:

@@ -3,13 +3,15 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.cli.options import methods
-from replicate.cli.running import make
+from replicate.cli.running import make, plan_with_trained
+from replicate.config import Config
 from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.inverse import ik_stage
@@ -86,7 +88,8 @@ def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFa
 
 def run(options: argparse.Namespace) -> None:
     """Write the pages of every character and publish them."""
-    folder, files = publish_files("poser", make(options, lambda plan: stages(plan, chosen(options, plan))))
+    results = make(options, lambda plan: stages(plan, chosen(options, plan.config)), partial(plan_of, options))
+    folder, files = publish_files("poser", results)
     for name in (name for names in files.values() for name in names if not name.endswith(".json")):
         if name.endswith(".png"):
             print(f"written to {paths.display_path(folder / name)}: the page in a browser, while points are dragged")
@@ -98,9 +101,16 @@ def run(options: argparse.Namespace) -> None:
         print(f"written to {paths.display_path(folder / name)} ({size:.1f} MB): open it in a browser{advice}")
 
 
-def chosen(options: argparse.Namespace, plan: Plan) -> Sequence[Method]:
+def plan_of(options: argparse.Namespace, config: Config) -> Plan:
+    """Return a character's plan, where it can be with the models that come with the repository."""
+    shown = chosen(options, config)
+    networks = [name for method in shown for name in (method.name, ik_stage.stage_name(method.name))]
+    return plan_with_trained(options, config, shown, [*networks, "rigid", "influence"])
+
+
+def chosen(options: argparse.Namespace, config: Config) -> Sequence[Method]:
     """Return the chosen methods. Raises InputError for one that a page can't evaluate."""
-    shown = methods(options, plan.config)
+    shown = methods(options, config)
     for method in shown:
         if method.name not in EVALUATED:
             raise InputError(f"method {method.name!r} has no page to pose in; {', '.join(EVALUATED)} have one")
