@@ -84,9 +84,9 @@ def put(config: Config, methods: Sequence[Method], with_page: bool) -> list[Path
     inputs |= {name: folders[stage.title] for name, stage in kept.items()}
     git = read_manifest(inputs[methods[0].name])["run"]["git"]
     if not (git and git["clean"]):
-        raise InputError(f"{methods[0].name} of {config.character} was trained in a tree with changes: commit them first")
+        raise InputError(f"{config.character}: the models were trained in a tree with changes; train those of a commit")
     samples = artefacts.load_samples(inputs)
-    poses = measurement.measured_poses(samples.test_params, 0, config.seed)
+    poses = measurement.measured_poses(samples.test_params, measured[0].config.test_poses, config.seed)
     rows = np.linspace(0, len(poses) - 1, min(POSES, len(poses))).astype(int)
     with tempfile.TemporaryDirectory() as name:
         small = {stage: _shrunk(stage, inputs[stage], Path(name) / stage) for stage in kept}
