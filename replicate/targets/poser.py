@@ -18,6 +18,7 @@ from replicate.inverse import ik_stage
 from replicate.methods import artefacts, regional
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
+from replicate.methods.trained import TrainedPlan
 from replicate.poser.pack import EVALUATED, SOURCES
 from replicate.report.publication import publish_files
 
@@ -53,7 +54,8 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     shared = (stage(plan) for stage in (artefacts.rig_stage, artefacts.rigid_stage, artefacts.influence_stage))
     inputs = {stage.title: stage for stage in (*shared, *slow)}.values()
     models = tuple((method.name, reference(method.model)) for method in shown)
-    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models, browser() is not None)
+    pictured = browser() is not None and not isinstance(plan, TrainedPlan)  # a page that is there at once has none
+    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models, pictured)
     functions = ",".join([reference(write), *(model for _, model in models)])  # the models' sources count too
     return [*slow, plan.stage("poser", functions, settings, *inputs, files=SOURCES)]
 

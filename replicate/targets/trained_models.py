@@ -52,7 +52,9 @@ LEFT_OUT = ("log.csv", measurement.POSE)
 
 def main(arguments: Sequence[str]) -> None:
     """Rewrite the models of some characters, and the page of the first."""
-    about = argparse.ArgumentParser("python -m replicate.targets.trained_models", description=__doc__.split("\n")[0])
+    about = argparse.ArgumentParser(
+        "python -m replicate.targets.trained_models", description=str(__doc__).split("\n")[0]
+    )
     about.add_argument("--characters", nargs="+", default=list(MODELS), choices=list(MODELS))
     words = about.parse_args(arguments)
     options = parser().parse_args(["poser", "--characters", *words.characters])
@@ -86,7 +88,7 @@ def put(config: Config, methods: Sequence[Method], with_page: bool) -> list[Path
     if not (git and git["clean"]):
         raise InputError(f"{config.character}: the models were trained in a tree with changes; train those of a commit")
     samples = artefacts.load_samples(inputs)
-    poses = measurement.measured_poses(samples.test_params, measured[0].config.test_poses, config.seed)
+    poses = measurement.measured_poses(samples.test_params, methods[0].poses(config), config.seed)
     rows = np.linspace(0, len(poses) - 1, min(POSES, len(poses))).astype(int)
     with tempfile.TemporaryDirectory() as name:
         small = {stage: _shrunk(stage, inputs[stage], Path(name) / stage) for stage in kept}
