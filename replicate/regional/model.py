@@ -7,7 +7,6 @@ the error that the loss sees, and training needs no mesh.
 
 from __future__ import annotations
 
-import copy
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -218,34 +217,6 @@ def regional_loss(error: Float[torch.Tensor, "b d"], membership: Float[torch.Ten
     belongs to a region.
     """
     return (error.square() @ membership + LENGTH_FLOOR**2).sqrt().sum(dim=1).mean()
-
-
-def with_fewer_shapes(model: RegionalModel, count: int) -> RegionalModel:
-    """Return a copy of a model with at most `count` components of each basis, the first ones, which move most."""
-    kept = [basis.steps[:count] for basis in model.bases]
-    bases = [
-        StoredBasis(b.vertices, b.weights, b.mean, b.fine[:count], b.rough[: max(0, count - len(b.fine))], steps)
-        for b, steps in zip(model.bases, kept, strict=True)
-    ]
-    firsts = np.cumsum([0, *(len(basis.steps) for basis in model.bases)])
-    rows = np.concatenate([first + np.arange(len(steps)) for first, steps in zip(firsts, kept, strict=False)])
-    network, first = copy.deepcopy(model.network), 0
-    for part in network.networks:
-        last = first + part.output.out_features
-        own = torch.from_numpy(rows[(rows >= first) & (rows < last)] - first)
-        part.output, part.line = _narrowed(part.output, own), part.line and _narrowed(part.line, own)
-        first = last
-    return RegionalModel(network, bases, model.scale.numpy(), model.length, model.vertex_count)
-
-
-def _narrowed(layer: nn.Linear, rows: Int[torch.Tensor, " k"]) -> nn.Linear:
-    """Return a layer with some of another one's outputs."""
-    twin = nn.Linear(layer.in_features, len(rows), bias=layer.bias is not None)
-    with torch.no_grad():
-        twin.weight.copy_(layer.weight[rows])
-        if layer.bias is not None:
-            twin.bias.copy_(layer.bias[rows])
-    return twin
 
 
 def halve(network: nn.Module) -> None:

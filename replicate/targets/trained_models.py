@@ -122,6 +122,7 @@ def _shrunk(stage: str, artefact: Path, folder: Path) -> Path:
     from safetensors.torch import load_file, save_file
 
     from replicate.regional import model as regional_model
+    from replicate.regional.fewer_shapes import with_fewer_shapes
 
     folder.mkdir()
     for file in artefact.iterdir():
@@ -129,7 +130,7 @@ def _shrunk(stage: str, artefact: Path, folder: Path) -> Path:
             shutil.copyfile(file, folder / file.name)
     notes = read_manifest(artefact)["notes"]
     if stage == regional.METHOD.name:
-        model = regional_model.with_fewer_shapes(regional_model.load(artefact), SHAPES)
+        model = with_fewer_shapes(regional_model.load(artefact), SHAPES)
         regional_model.save(model, folder)
         notes |= {"size_mb": model.size_mb(), "multiplications": model.multiplications()}
     elif (folder / WEIGHTS).is_file():
@@ -186,7 +187,7 @@ def _write_page(config: Config, inputs: Mapping[str, Path], commit: str, poses: 
     from replicate.approximation.rigid import attach
     from replicate.poser.face_page import face_page
     from replicate.poser.notebook import read_face
-    from replicate.regional.model import with_fewer_shapes
+    from replicate.regional.fewer_shapes import with_fewer_shapes
 
     model, name = with_fewer_shapes(regional.load_model(inputs), PAGE_SHAPES), regional.METHOD.name
     face, samples = read_face(inputs, model, name), artefacts.load_samples(inputs)

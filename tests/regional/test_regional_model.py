@@ -15,6 +15,7 @@ from replicate.regional.basis import (
     projection,
     split_regions,
 )
+from replicate.regional.fewer_shapes import with_fewer_shapes
 from replicate.regional.networks import GatedNetwork
 
 GENERATOR = np.random.default_rng(4)
@@ -215,7 +216,7 @@ def test_the_loss_is_the_sum_of_the_regions_lengths():
 def test_a_model_with_fewer_shapes_moves_as_if_the_others_were_flat(count):
     whole = regional_model(fine=(2, 5))
     params = GENERATOR.uniform(-1, 1, (5, len(whole.scale))).astype(np.float32)
-    fewer = model.with_fewer_shapes(whole, count)
+    fewer = with_fewer_shapes(whole, count)
     assert [len(basis.steps) for basis in fewer.bases] == [min(count, len(basis.steps)) for basis in whole.bases]
     assert (fewer.size_mb() < whole.size_mb()) == (count < 7)
     for basis in whole.bases:
