@@ -57,6 +57,11 @@ class TrainedPlan(Plan):
         )
 
 
+def origin(plan: Plan) -> str:
+    """Return which models of the repository a plan takes, as a part of a sentence; "" if it takes none."""
+    return f", from trained models of the repository ({plan.words})" if isinstance(plan, TrainedPlan) else ""
+
+
 def plan_for(config: Config, methods: Sequence[Method], stages: Collection[str]) -> Plan:
     """Return a character's plan with the trained models that come with the repository, or else an ordinary one.
 

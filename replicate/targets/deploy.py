@@ -29,7 +29,7 @@ from replicate.methods import artefacts, measurement, regional
 from replicate.methods.measurement import vertices_of
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
-from replicate.methods.trained import TrainedPlan, entries
+from replicate.methods.trained import TrainedPlan, entries, origin
 from replicate.report.publication import publish_files
 
 
@@ -42,7 +42,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
         stage.title: stage for stage in (artefacts.rig_stage(plan), artefacts.rigid_stage(plan), *slow, *measured)
     }
     written = tuple(DeployedMethod(m.name, m.label, reference(m.model), m.rigid_step) for m in methods)
-    settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written)
+    settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written, origin(plan))
     functions = ", ".join(dict.fromkeys([reference(write), *(method.model for method in written)]))
     return [*inputs.values(), plan.stage("deploy", functions, settings, *inputs.values(), files=TEMPLATES)]
 
@@ -54,6 +54,15 @@ def run(options: argparse.Namespace) -> None:
     notes = {name: text for result in results for name, text in read_manifest(result.folder)["notes"]["files"].items()}
     for name in (name for names in files.values() for name in names):
         print(f"written to {paths.display_path(folder / name)}: {notes.get(name, 'see REPRODUCING')}")
+    for character, names in files.items():
+        left_out = [name for name in targets()["deploy"].methods if f"deploy_{character}_{name}.onnx" not in names]
+        if left_out and _names_none(options):
+            print(f"{character}: METHODS={','.join(left_out)} names the others, which have to be trained")
+
+
+def _names_none(options: argparse.Namespace) -> bool:
+    """Return whether the command line names no methods."""
+    return words(options.methods) == list(targets()["deploy"].methods)
 
 
 def plan_of(options: argparse.Namespace, config: Config) -> Plan:
@@ -73,7 +82,7 @@ def written(options: argparse.Namespace, plan: Plan) -> list[Method]:
 def with_trained_models(options: argparse.Namespace, config: Config) -> list[Method]:
     """Return the chosen methods, or those with models in the repository if the command line names none."""
     chosen = deployable(methods(options, config), options.methods)
-    if words(options.methods) != list(targets()["deploy"].methods):
+    if not _names_none(options):
         return chosen
     facts = entries().get(config.character)
     return [method for method in chosen if facts and method.name in facts["stages"]]
@@ -108,12 +117,16 @@ class DeployedMethod:
 
 @dataclass(frozen=True)
 class DeploySettings:
-    """The settings of a character's models; seed: the seed that the test poses are drawn with, too."""
+    """The settings of a character's models.
+
+    seed: the seed that the test poses are drawn with, too. origin: where the models come from, if not from this run.
+    """
 
     character: str
     profile: str
     seed: int
     methods: tuple[DeployedMethod, ...]
+    origin: str = ""
 
 
 # The files of one character: each method's model as ONNX in two precisions, the mesh as GLB, our method as C99.
@@ -169,7 +182,9 @@ def _face(context: StageContext) -> DeployedFace:
 
     settings, rig = context.config, artefacts.load_rig(context.inputs)
     attachments, names = artefacts.load_attachments(context.inputs), rig.mesh.segment_names
-    made_by = f"make deploy CHARACTERS={settings.character} PROFILE={settings.profile}, seed {settings.seed}"
+    made_by = (
+        f"make deploy CHARACTERS={settings.character} PROFILE={settings.profile}, seed {settings.seed}{settings.origin}"
+    )
     rigid = [names[k] for k in attachments.segment]
     facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by)
     params = drawn_poses(rig.controls, POSES, context.rng("checks"))

@@ -18,7 +18,7 @@ from replicate.inverse import ik_stage
 from replicate.methods import artefacts, regional
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
-from replicate.methods.trained import TrainedPlan
+from replicate.methods.trained import TrainedPlan, origin
 from replicate.poser.pack import EVALUATED, SOURCES
 from replicate.report.publication import publish_files
 
@@ -36,6 +36,7 @@ class PageSettings:
     seed: of the networks, and of the poses that a page is checked in
     models: (method, "module:function" of its model) for each page
     pictured: whether a browser draws pictures
+    origin: where the models come from, if not from this run
     """
 
     character: str
@@ -43,6 +44,7 @@ class PageSettings:
     seed: int
     models: tuple[tuple[str, str], ...]
     pictured: bool
+    origin: str = ""
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
@@ -55,7 +57,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     inputs = {stage.title: stage for stage in (*shared, *slow)}.values()
     models = tuple((method.name, reference(method.model)) for method in shown)
     pictured = browser() is not None and not isinstance(plan, TrainedPlan)  # a page that is there at once has none
-    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models, pictured)
+    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models, pictured, origin(plan))
     functions = ",".join([reference(write), *(model for _, model in models)])  # the models' sources count too
     return [*slow, plan.stage("poser", functions, settings, *inputs, files=SOURCES)]
 
@@ -81,7 +83,7 @@ def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFa
     face = read_face(context.inputs, as_on_page(stage_function(model)(context.inputs)), method)
     option = "" if method == regional.METHOD.name else f" METHODS={method}"
     made_by = f"make poser CHARACTERS={settings.character}{option} PROFILE={settings.profile}"
-    text = face_page(face, context.rng("checks"), context.progress, f"{made_by}, seed {settings.seed}")
+    text = face_page(face, context.rng("checks"), context.progress, f"{made_by}, seed {settings.seed}{settings.origin}")
     ending = "" if method == regional.METHOD.name else f"_{method}"
     file = context.out / f"poser_{settings.character}{ending}.html"
     file.write_text(text, encoding="utf-8")

@@ -201,8 +201,14 @@ def test_page_models_and_animation_come_from_an_empty_cache(shipped, tmp_path, c
     write_landmarks(tmp_path / "actor.csv", places, tuple(FACE_LANDMARKS), "mm")
     for words in (["poser"], ["deploy"], ["capture", "--landmarks", str(tmp_path / "actor.csv")]):
         assert cli.main([*words, *TINY]) == 0
-        assert "with the trained models that come with the repository" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert "with the trained models that come with the repository" in said
+        if words == ["deploy"]:
+            assert said.endswith("tiny: METHODS=refined,dense,linear names the others, which have to be trained\n")
     results = tmp_path / "results"
+    origin = "from trained models of the repository (quick, seed 0, commit 0123456)"
+    for name in ("poser_tiny.html", "deploy_tiny.c"):
+        assert origin in " ".join((results / "quick" / name).read_text("utf-8").split())
     files = {str(file.relative_to(results)) for file in results.rglob("*.*")}
     assert {"quick/poser_tiny.html", "quick/deploy_tiny.c", "quick/deploy_tiny_coarse.onnx"} <= files
     assert {"quick/deploy_tiny_regional.onnx", "capture/tiny_actor.glb"} <= files
