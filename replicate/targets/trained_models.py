@@ -27,7 +27,7 @@ from replicate.capture import landmark_rig
 from replicate.cli.options import configurations
 from replicate.cli.parser import parser
 from replicate.config import Config
-from replicate.engine.provenance import core_count, provenance
+from replicate.engine.provenance import core_count, git_state, provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, StageContext, stream_rng
 from replicate.engine.store import MANIFEST, read_manifest
@@ -67,8 +67,12 @@ def main(arguments: Sequence[str]) -> None:
 def put(config: Config, methods: Sequence[Method], with_page: bool) -> list[Path]:
     """Put one character's models into results/trained and return the new files.
 
-    Raises InputError, before it writes anything, for models from a tree with changes.
+    What the cache has was made by the sources as they are, since a stage's key holds them. So these have to be those of
+    a commit: raises InputError, before it trains or writes anything, for a tree with changes.
     """
+    git = git_state()
+    if not (git and git["clean"]):
+        raise InputError("the models would be of a tree with changes: commit them, then put the models there")
     plan = Plan(config)
     kept = {
         stage.name: stage
@@ -84,9 +88,7 @@ def put(config: Config, methods: Sequence[Method], with_page: bool) -> list[Path
     folders = run([*kept.values(), *measured], core_count(), facts)
     inputs = {stage.name: folders[stage.title] for each in measured for stage in (each, *each.inputs)}
     inputs |= {name: folders[stage.title] for name, stage in kept.items()}
-    git = read_manifest(inputs[methods[0].name])["run"]["git"]
-    if not (git and git["clean"]):
-        raise InputError(f"{config.character}: the models were trained in a tree with changes; train those of a commit")
+    git = read_manifest(inputs[methods[0].name])["run"]["git"] or git
     samples = artefacts.load_samples(inputs)
     poses = measurement.measured_poses(samples.test_params, methods[0].poses(config), config.seed)
     rows = np.linspace(0, len(poses) - 1, min(POSES, len(poses))).astype(int)

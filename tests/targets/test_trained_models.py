@@ -39,6 +39,7 @@ rigid = {poses = 20}
 inverse = {hidden = [24], training = {steps = 60}}
 """
 CONFIG = resolve("tiny", "quick", tomllib.loads(NUMBERS), None, SECTIONS, seed=0, device="cpu")
+GIT = {"commit": "0123456789abcdef", "clean": True}
 NAMES = ["regional", "inverse_regional", "rigid", "influence"]
 
 
@@ -52,7 +53,8 @@ def models(tmp_path_factory):
         patch.setattr(trained, "FOLDER", place / "models")
         patch.setattr(trained_models, "MODELS", {"tiny": ()})
         patch.setattr(trained_models, "SHAPES", 10)
-        patch.setattr("replicate.engine.provenance.git_state", lambda: {"commit": "0123456789abcdef", "clean": True})
+        for module in ("replicate.engine.provenance", "replicate.targets.trained_models"):
+            patch.setattr(f"{module}.git_state", lambda: GIT)
         trained_models.put(CONFIG, (regional.METHOD, coarse.METHOD), with_page=True)
     return place
 
@@ -236,14 +238,14 @@ def test_what_is_put_there_has_its_errors_measured_and_gives_the_same_bytes_agai
     monkeypatch.setenv("REPLICATE_CACHE", str(models / "cache"))
     monkeypatch.setattr(trained_models, "MODELS", {"tiny": ()})
     monkeypatch.setattr(trained_models, "SHAPES", 10)
+    monkeypatch.setattr(trained_models, "git_state", lambda: GIT)
     trained_models.put(CONFIG, (regional.METHOD, coarse.METHOD), with_page=False)
     assert trained.entries()["tiny"]["sha256"] == entry["sha256"]
 
 
-def test_models_from_a_tree_with_changes_are_not_put_there(models, shipped, monkeypatch):
-    monkeypatch.setenv("REPLICATE_CACHE", str(models / "cache"))
-    monkeypatch.setattr(trained_models, "read_manifest", lambda _: {"run": {"git": {"clean": False}}, "notes": {}})
-    with pytest.raises(InputError, match="tiny: the models were trained in a tree with changes"):
+def test_models_from_a_tree_with_changes_are_not_put_there(shipped, monkeypatch):
+    monkeypatch.setattr(trained_models, "git_state", lambda: GIT | {"clean": False})
+    with pytest.raises(InputError, match="the models would be of a tree with changes: commit them"):
         trained_models.put(CONFIG, (regional.METHOD,), with_page=False)
 
 
