@@ -36,14 +36,14 @@ from replicate.methods import artefacts, coarse, measurement, regional, trained
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 
-MODELS = {
+MODELS = {  # the first one's also capture a face, and have a page
     "teen": (regional.METHOD, coarse.METHOD),
     "woman": (regional.METHOD,),
     "dragon": (regional.METHOD,),
     "toon": (regional.METHOD,),
 }
 CAPTURED = regional.METHOD  # whose IK networks go by landmarks
-SHAPES, PAGE_SHAPES = 64, 32  # of each region, in a model and in the page that lies ready to be opened
+SHAPES, PAGE_SHAPES = 56, 24  # of each region, in a model and in the page that lies ready to be opened
 PAGE = "pose_the_{}.html"
 POSES = 100  # test poses that the manifest's errors are of
 WEIGHTS, SHRUNK = "weights.safetensors", (".weight", ".bias")
@@ -51,7 +51,7 @@ LEFT_OUT = ("log.csv", measurement.POSE)
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Rewrite the models of some characters, and the page of the first."""
+    """Rewrite the models of some characters."""
     about = argparse.ArgumentParser(
         "python -m replicate.targets.trained_models", description=str(__doc__).split("\n")[0]
     )
@@ -64,8 +64,10 @@ def main(arguments: Sequence[str]) -> None:
             print(f"written to {display_path(file)} ({file.stat().st_size / 1e6:.1f} MB)")
 
 
-def put(config: Config, methods: Sequence[Method], with_page: bool) -> list[Path]:
+def put(config: Config, methods: Sequence[Method], is_first: bool) -> list[Path]:
     """Put one character's models into results/trained and return the new files.
+
+    is_first: whether IK networks for capture are among them, and a page is written.
 
     What the cache has was made by the sources as they are, since a stage's key holds them. So these have to be those of
     a commit: raises InputError, before it trains or writes anything, for a tree with changes.
@@ -80,7 +82,7 @@ def put(config: Config, methods: Sequence[Method], with_page: bool) -> list[Path
             artefacts.rigid_stage(plan),
             artefacts.influence_stage(plan),
             *(stage for method in methods for stage in (*method.stages(plan), ik_stage.stage(plan, method))),
-            landmark_rig.ik_stage_of(plan, CAPTURED),
+            *([landmark_rig.ik_stage_of(plan, CAPTURED)] if is_first else []),
         )
     }
     measured = [measurement.stage(plan, method) for method in methods]
@@ -101,7 +103,7 @@ def put(config: Config, methods: Sequence[Method], with_page: bool) -> list[Path
             errors[method.name] = {**after, "as_trained": before}
         file = trained.FOLDER / f"{config.character}.zip"
         _write_zip(file, small, inputs, samples.test_params[poses[rows]])
-        page = _write_page(config, inputs | small, git["commit"], poses[rows]) if with_page else {}
+        page = _write_page(config, inputs | small, git["commit"], poses[rows]) if is_first else {}
     entry = {
         "file": file.name,
         "sha256": trained.digest(file),
