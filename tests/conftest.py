@@ -129,6 +129,7 @@ SLOW = (
     "targets/test_rig_timing.py",
     "targets/test_table2_charts.py",
     "targets/test_table2_on_a_cluster.py",
+    "targets/test_trained_models.py",
     "targets/test_trainings.py",
     "test_bad_input.py",
     "test_examples.py",

@@ -93,7 +93,7 @@ def strip(
     return face_sheet(cells, len(chosen)), Words(
         f"{len(chosen)} frames of a recording: landmarks of the actor's face as points and lines, and below them "
         f"{character} in clay with the same expression. Frames {frames}.",
-        f"Landmarks drive {character} (after Fig. 12): IK networks give rig parameters, the refined networks the mesh. "
+        f"Landmarks drive {character} (after Fig. 12): IK networks give rig parameters, our regional method the mesh. "
         f"{how}",
     )
 

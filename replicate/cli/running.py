@@ -2,7 +2,7 @@
 
 import argparse
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from data_recipes.catalogue import control_count
 from data_recipes.recipe_paths import character_label
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.paths import REFERENCE
-from replicate.cli.options import configurations, methods, workers
+from replicate.cli.options import SPLITS, configurations, methods, seeds, workers
 from replicate.config import Config, resolve
 from replicate.engine.provenance import provenance
 from replicate.engine.scheduler import run, wall_s
@@ -21,23 +21,43 @@ from replicate.methods.method import Method
 from replicate.methods.method_registry import methods as all_methods
 from replicate.methods.method_registry import sections
 from replicate.methods.plan import Plan
+from replicate.methods.trained import Taken, TrainedPlan, plan_for
 from replicate.report import manifest
 from replicate.report.publication import CharacterResult, check_results_folder
 
 Rig = tuple[Plan, Sequence[Method]]  # a configuration's plan and the methods of its table
 
 
-def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]]) -> list[CharacterResult]:
+def make(
+    options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]], plan: Callable[[Config], Plan] = Plan
+) -> list[CharacterResult]:
     """Make the stages of every character and seed that the command line names; return the result of each.
 
     stages: a plan → its stages, by urgency, but the one whose artefact is the result last.
+    plan: a configuration → its plan.
 
-    Before it starts it prints about how long the missing stages take.
+    Before it starts it prints about how long the missing stages take, and which models come with the repository.
     """
     configs = configurations(options)
-    graphs = [list(stages(Plan(config))) for config in configs]
+    plans = [plan(config) for config in configs]
+    graphs = [list(stages(each)) for each in plans]
+    for each in plans:
+        if isinstance(each, TrainedPlan):
+            print(each.in_words(), flush=True)
     _run(options, configs, graphs)
     return _results(configs, graphs)
+
+
+def plan_with_trained(
+    options: argparse.Namespace, config: Config, methods: Sequence[Method], stages: Collection[str]
+) -> Plan:
+    """Return the plan of one configuration, where it can be with the models that come with the repository.
+
+    methods, stages: as for `plan_for`. Settings that the command line changes want models of their own.
+    """
+    if options.config or len(seeds(options)) > 1 or config.samples.split != SPLITS[0]:
+        return Plan(config)
+    return plan_for(config, methods, stages)
 
 
 def make_rows(
@@ -182,6 +202,8 @@ def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
     The time of the same character is taken, else that of the teen, multiplied by the ratio of controls and by that of
     steps, samples or iterations. Rigs that are timed together take time in proportion to their number.
     """
+    if isinstance(stage.config, Taken):
+        return 1.0
     if rigs := getattr(stage.config, "rigs", ()):
         together = ((re.fullmatch(rf"{stage.name}-(\d+)_rigs", title), entry) for title, entry in known.items())
         return min((len(rigs) * entry.wall_s / int(match[1]) for match, entry in together if match), default=None)

@@ -34,6 +34,7 @@ class Target:
     methods: tuple[str, ...] = ()
     in_comparison: bool = False
     asks_the_rig: str = ""
+    takes_trained: bool = False
     module: str = ""
 
     def characters(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ The face is posed in the browser, as in the page. After each drag the widget sen
 the rig at them and answers with a colour for each vertex. While an answer is on its way, the widget sends nothing.
 """
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,11 +17,18 @@ from jaxtyping import Float
 from replicate.base.exceptions import InputError
 from replicate.base.paths import cache_folder, display_path
 from replicate.base.progress import progress
+from replicate.config import resolve
+from replicate.engine.device import choose_device
+from replicate.engine.provenance import core_count, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import Stage
 from replicate.engine.store import load
 from replicate.inverse import ik_stage
 from replicate.inverse.control_points import control_points, targets_of_drags
-from replicate.methods import artefacts as methods_artefacts
-from replicate.methods import regional
+from replicate.methods import artefacts, regional
+from replicate.methods.plan import Plan
+from replicate.methods.trained import TrainedPlan, plan_for
+from replicate.methods.trained import entries as trained_entries
 from replicate.poser.contents import PosedFace, face_contents
 from replicate.poser.display_parts import display_contents
 from replicate.poser.face_page import posed_vertices
@@ -184,6 +192,7 @@ def _finite(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
 
 NETWORKS = f"{ik_stage.PREFIX}_"
 SHOWN = "figure11"  # whose networks pose a face; its IK networks are trained through the first method that it shows
+REFERENCE = "reference"
 
 
 def open_poser(results: str, character: str) -> "Poser":
@@ -199,28 +208,61 @@ def what_is_missing(results: str, character: str) -> str:
     try:
         artefacts_of_run(results, character)
     except InputError as error:
-        return str(error)
+        return "" if _plan_of_face(results, character) else str(error)
     return ""
 
 
 def open_face(results: str, character: str) -> PosedFace:
     """Return what poses a character: the rig, our method's model and the IK networks.
 
-    Raises InputError where the manifest names no such results, or the cache doesn't hold their artefacts.
+    Where the cache doesn't hold those of the results, it is your own model of the same profile, or the one that comes
+    with the repository, and a line says so. Raises InputError where there is none of them.
     """
-    inputs = artefacts_of_run(results, character)
+    try:
+        inputs = artefacts_of_run(results, character)
+    except InputError:
+        plan = _plan_of_face(results, character)
+        if plan is None:
+            raise
+        if isinstance(plan, TrainedPlan):
+            print(plan.in_words())
+        stages = _stages_of_face(plan)
+        folders = run(stages, facts=provenance(["python", *sys.orig_argv[1:]], results, [0], core_count()))
+        inputs = {stage.name: folders[stage.title] for stage in stages}
     (networks,) = (name for name in inputs if name.startswith(NETWORKS))
     return read_face(inputs, regional.load_model(inputs), networks.removeprefix(NETWORKS))
+
+
+def _plan_of_face(results: str, character: str) -> Plan | None:
+    """Return the plan of networks that stand in for those of some results, and that need no training; else None.
+
+    They are the models that come with the repository, or of the same profile and seed, trained here.
+    """
+    facts = trained_entries().get(character)
+    if facts is None or results not in (REFERENCE, facts["profile"]):
+        return None
+    config = resolve(character, facts["profile"], seed=facts["seed"], device=choose_device("auto"))
+    networks = (regional.METHOD.name, ik_stage.stage_name(regional.METHOD.name))
+    plan = plan_for(config, [regional.METHOD], [*networks, "rigid", "influence"])
+    if isinstance(plan, TrainedPlan) or all(load(stage.identifier) for stage in _stages_of_face(plan)):
+        return plan
+    return None
+
+
+def _stages_of_face(plan: Plan) -> list[Stage]:
+    """Return the stages whose artefacts `read_face` reads."""
+    shared = [artefacts.rig_stage(plan), artefacts.rigid_stage(plan), artefacts.influence_stage(plan)]
+    return [*shared, *regional.METHOD.stages(plan), ik_stage.stage(plan, regional.METHOD)]
 
 
 def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_through: str) -> PosedFace:
     """Return what poses a character. trained_through: the method that the IK networks are trained through."""
     return PosedFace(
-        methods_artefacts.load_rig(inputs),
+        artefacts.load_rig(inputs),
         model,
-        methods_artefacts.load_attachments(inputs),
+        artefacts.load_attachments(inputs),
         ik_stage.load(inputs, trained_through),
-        methods_artefacts.load_influence(inputs),
+        artefacts.load_influence(inputs),
     )
 
 

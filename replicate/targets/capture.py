@@ -17,15 +17,17 @@ from replicate.capture.capture_config import CaptureConfig, CaptureSettings
 from replicate.capture.capture_config import default_section as capture_section
 from replicate.capture.landmark_file import read_landmarks
 from replicate.cli.options import configurations
-from replicate.cli.running import make
+from replicate.cli.running import make, plan_with_trained
 from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext
 from replicate.engine.store import read_manifest
-from replicate.methods import artefacts, measurement, refined
+from replicate.methods import artefacts, measurement, regional
 from replicate.methods.measurement import reading
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
 from replicate.report.publication import CharacterResult, alone, by_character
+
+METHOD = regional.METHOD  # gives the mesh; the IK networks are trained through it
 
 
 def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = None) -> list[Stage]:
@@ -33,7 +35,7 @@ def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = 
 
     landmarks: the file of the recording; without it the last stage can't be run.
     """
-    method = refined.METHOD
+    method = METHOD
     trained = landmark_rig.ik_stage_of(plan, method)
     settings = CaptureSettings(
         plan.character, section(plan.config), measurement.measurement_settings(method, plan.config)
@@ -60,7 +62,12 @@ def drive(context: StageContext) -> None:
 def run(options: argparse.Namespace) -> None:
     """Drive every character by the recording, publish the files and print what they are."""
     landmarks = checked(options)
-    publish(make(options, partial(stages, landmarks=landmarks)), landmarks.stem)
+    publish(make(options, partial(stages, landmarks=landmarks), partial(plan_of, options)), landmarks.stem)
+
+
+def plan_of(options: argparse.Namespace, config: Config) -> Plan:
+    """Return a character's plan, where it can be with the models that come with the repository."""
+    return plan_with_trained(options, config, [METHOD], [METHOD.name, landmark_rig.stage_name(METHOD.name), "rigid"])
 
 
 def publish(results: Sequence[CharacterResult], recording: str) -> None:

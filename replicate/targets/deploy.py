@@ -4,6 +4,7 @@ import argparse
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.base.user_files import words
 from replicate.cli.options import methods
-from replicate.cli.running import make
+from replicate.cli.running import make, plan_with_trained
+from replicate.cli.target_list import targets
+from replicate.config import Config
 from replicate.deployment.c_face import TEMPLATES, CFace, c_files
 from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_model, in_words
 from replicate.engine.stage import Stage, StageContext, stage_function
@@ -26,6 +29,7 @@ from replicate.methods import artefacts, measurement, regional
 from replicate.methods.measurement import vertices_of
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
+from replicate.methods.trained import TrainedPlan, entries, origin
 from replicate.report.publication import publish_files
 
 
@@ -38,18 +42,50 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
         stage.title: stage for stage in (artefacts.rig_stage(plan), artefacts.rigid_stage(plan), *slow, *measured)
     }
     written = tuple(DeployedMethod(m.name, m.label, reference(m.model), m.rigid_step) for m in methods)
-    settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written)
+    settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written, origin(plan))
     functions = ", ".join(dict.fromkeys([reference(write), *(method.model for method in written)]))
     return [*inputs.values(), plan.stage("deploy", functions, settings, *inputs.values(), files=TEMPLATES)]
 
 
 def run(options: argparse.Namespace) -> None:
     """Write the models of every character and publish them."""
-    results = make(options, lambda plan: stages(plan, deployable(methods(options, plan.config), options.methods)))
+    results = make(options, lambda plan: stages(plan, written(options, plan)), partial(plan_of, options))
     folder, files = publish_files("deploy", results)
     notes = {name: text for result in results for name, text in read_manifest(result.folder)["notes"]["files"].items()}
     for name in (name for names in files.values() for name in names):
         print(f"written to {paths.display_path(folder / name)}: {notes.get(name, 'see REPRODUCING')}")
+    for character, names in files.items():
+        left_out = [name for name in targets()["deploy"].methods if f"deploy_{character}_{name}.onnx" not in names]
+        if left_out and _names_none(options):
+            print(f"{character}: METHODS={','.join(left_out)} names the others, which have to be trained")
+
+
+def _names_none(options: argparse.Namespace) -> bool:
+    """Return whether the command line names no methods."""
+    return words(options.methods) == list(targets()["deploy"].methods)
+
+
+def plan_of(options: argparse.Namespace, config: Config) -> Plan:
+    """Return a character's plan, where it can be with the models that come with the repository."""
+    shown = with_trained_models(options, config)
+    needed = [name for method in shown for name in (method.name, f"{measurement.PREFIX}{method.name}")]
+    return plan_with_trained(options, config, shown, [*needed, "rigid"]) if shown else Plan(config)
+
+
+def written(options: argparse.Namespace, plan: Plan) -> list[Method]:
+    """Return the methods whose models are written under a plan."""
+    if isinstance(plan, TrainedPlan):
+        return with_trained_models(options, plan.config)
+    return deployable(methods(options, plan.config), options.methods)
+
+
+def with_trained_models(options: argparse.Namespace, config: Config) -> list[Method]:
+    """Return the chosen methods, or those with models in the repository if the command line names none."""
+    chosen = deployable(methods(options, config), options.methods)
+    if not _names_none(options):
+        return chosen
+    facts = entries().get(config.character)
+    return [method for method in chosen if facts and method.name in facts["stages"]]
 
 
 def deployable(chosen: Sequence[Method], text: str | Sequence[str]) -> list[Method]:
@@ -81,12 +117,16 @@ class DeployedMethod:
 
 @dataclass(frozen=True)
 class DeploySettings:
-    """The settings of a character's models; seed: the seed that the test poses are drawn with, too."""
+    """The settings of a character's models.
+
+    seed: the seed that the test poses are drawn with, too. origin: where the models come from, if not from this run.
+    """
 
     character: str
     profile: str
     seed: int
     methods: tuple[DeployedMethod, ...]
+    origin: str = ""
 
 
 # The files of one character: each method's model as ONNX in two precisions, the mesh as GLB, our method as C99.
@@ -142,7 +182,9 @@ def _face(context: StageContext) -> DeployedFace:
 
     settings, rig = context.config, artefacts.load_rig(context.inputs)
     attachments, names = artefacts.load_attachments(context.inputs), rig.mesh.segment_names
-    made_by = f"make deploy CHARACTERS={settings.character} PROFILE={settings.profile}, seed {settings.seed}"
+    made_by = (
+        f"make deploy CHARACTERS={settings.character} PROFILE={settings.profile}, seed {settings.seed}{settings.origin}"
+    )
     rigid = [names[k] for k in attachments.segment]
     facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by)
     params = drawn_poses(rig.controls, POSES, context.rng("checks"))

@@ -13,6 +13,7 @@ from replicate.engine.cache_report import UP_TO_DATE, Entry, inventory, known_ti
 from replicate.engine.provenance import core_count
 from replicate.engine.stage import Stage, in_order
 from replicate.methods.plan import Plan
+from replicate.methods.trained import entries
 
 DONE, BEGUN, NEVER = UP_TO_DATE, "artefacts to make", "never made"
 
@@ -40,7 +41,9 @@ def _print_state(options: argparse.Namespace) -> None:
         there = {name for name, (_, state) in found.items() if state == UP_TO_DATE}
         print(f"profile {options.profile}; times are for {cores} cores like those of the reference results\n")
         for name, each in graphs.items():
-            print(f"{name:15} {target_line(each, there, titles, known, cores)}")
+            ready = [character for character in each if targets()[name].takes_trained and character in entries()]
+            at_once = f"; at once with the repository's models: {', '.join(ready)}" if ready else ""
+            print(f"{name:15} {target_line(each, there, titles, known, cores)}{at_once}")
     print(f"\n{cache_line(inventory())} in {paths.cache_folder()}")
 
 

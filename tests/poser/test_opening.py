@@ -3,13 +3,15 @@
 import pytest
 
 from replicate.base.exceptions import InputError
+from replicate.methods import trained
 from replicate.poser.notebook import open_face, what_is_missing
 
 
 @pytest.fixture(autouse=True)
 def empty_cache(tmp_path, monkeypatch):
-    """No artefact, wherever these tests run."""
+    """No artefact, wherever these tests run, and no model that comes with the repository."""
     monkeypatch.setenv("REPLICATE_CACHE", str(tmp_path))
+    monkeypatch.setattr(trained, "FOLDER", tmp_path)
 
 
 def test_a_character_that_results_lack_is_named_with_the_command_that_makes_it():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from posed_face import regional_model
 from small_face import small_mesh
 
 from replicate.regional import model
@@ -14,6 +15,7 @@ from replicate.regional.basis import (
     projection,
     split_regions,
 )
+from replicate.regional.fewer_shapes import with_fewer_shapes
 from replicate.regional.networks import GatedNetwork
 
 GENERATOR = np.random.default_rng(4)
@@ -208,3 +210,16 @@ def test_the_loss_is_the_sum_of_the_regions_lengths():
     error = torch.tensor([[3.0, 4.0, 0.0], [0.0, 0.0, 2.0]])
     membership = torch.tensor([[1.0, 0], [1, 0], [0, 1]])
     assert abs(float(model.regional_loss(error, membership)) - 3.5) < 1e-4
+
+
+@pytest.mark.parametrize("count", [1, 4, 99])
+def test_a_model_with_fewer_shapes_moves_as_if_the_others_were_flat(count):
+    whole = regional_model(fine=(2, 5))
+    params = GENERATOR.uniform(-1, 1, (5, len(whole.scale))).astype(np.float32)
+    fewer = with_fewer_shapes(whole, count)
+    assert [len(basis.steps) for basis in fewer.bases] == [min(count, len(basis.steps)) for basis in whole.bases]
+    assert (fewer.size_mb() < whole.size_mb()) == (count < 7)
+    for basis in whole.bases:
+        basis.steps[count:] = 0
+    flat = model.RegionalModel(whole.network, whole.bases, whole.scale.numpy(), whole.length, whole.vertex_count)
+    np.testing.assert_allclose(fewer.offsets(params), flat.offsets(params), atol=1e-5)

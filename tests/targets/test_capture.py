@@ -42,6 +42,12 @@ map_size = 32
 poses = 30
 [refinement.training]
 steps = 10
+[regional]
+regions = 2
+components = 12
+hidden = [32]
+[regional.training]
+steps = 80
 [rigid]
 poses = 20
 [inverse]
