@@ -14,6 +14,7 @@ from jaxtyping import Float32, UInt8
 from replicate.approximation.metrics import normal_error
 from replicate.base import paths
 from replicate.base.command_line import guard
+from replicate.config import resolve
 from replicate.drawing.characters import BACKGROUND, character_surfaces
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.heatmap import middle_line, normal_heat, split_face
@@ -137,8 +138,8 @@ def main() -> None:
         "alt": f"{seconds:.0f} seconds of the {CHARACTER}: brows and mouth are dragged into expressions with wrinkles; "
         "the rig, the paper's CNN and our method, half of each a heatmap of its errors.",
         "caption": f"The {CHARACTER}, posed by dragging the red points (inverse kinematics, §4): the rig, the paper's "
-        f"coarse CNN and our method. Left halves: surfaces. Right halves: normal errors from 0° (dark) to {LIMIT_DEG:g}° "
-        "(yellow), their mean below.",
+        f"coarse CNN and our method. Left halves: surfaces. Right halves: normal errors from 0° (dark) to "
+        f"{LIMIT_DEG:g}° (yellow), their mean below.",
     }
     file.with_suffix(".json").write_text(json.dumps(words, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     print(f"written to {paths.display_path(file)} ({file.stat().st_size / 1e6:.1f} MB)")
