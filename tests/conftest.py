@@ -131,6 +131,7 @@ SLOW = (
     "targets/test_table2_on_a_cluster.py",
     "targets/test_trainings.py",
     "test_bad_input.py",
+    "test_book.py",
     "test_examples.py",
     "test_package.py",
     "timing",
