@@ -29,9 +29,9 @@ PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c '$(RECENT)' 2>/dev/null && echo $$p && exit; done; echo python3)
 
 # An active environment is used as it is if it has all packages, and .venv otherwise.
-MODULES := anywidget basedpyright beartype dask_jobqueue distributed filelock ipykernel jax jaxtyping jupyter matplotlib \
-	nbclient nbformat numba numpy onnx onnxruntime pandas PIL psutil pytest xdist pyvista ruff safetensors \
-	sklearn scipy threadpoolctl torch tqdm trimesh websocket xatlas
+MODULES := anywidget basedpyright beartype dask_jobqueue distributed filelock furo ipykernel jax jaxtyping jupyter \
+	matplotlib myst_nb nbclient nbformat numba numpy onnx onnxruntime pandas PIL psutil pytest xdist pyvista ruff safetensors \
+	sklearn scipy sphinx threadpoolctl torch tqdm trimesh websocket xatlas
 COMPLETE := import sys, importlib.util as u; \
 	print(*["yes"] * (sys.version_info >= (3, 11) and all(u.find_spec(m) for m in sys.argv[1:])))
 ACTIVE := $(or $(VIRTUAL_ENV),$(CONDA_PREFIX))
@@ -71,7 +71,7 @@ endif
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment lab test test-fast lint mutants clean-all $(TARGETS) $(BENCHMARKS)
+.PHONY: help environment lab book test test-fast lint mutants clean-all $(TARGETS) $(BENCHMARKS)
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -115,7 +115,10 @@ $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(MAKE_PID) $(OPTIONS)
 
 lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
-	@exec $(RUN) -m jupyterlab --LabApp.default_url=/lab/tree/notebooks
+	@exec $(RUN) -m jupyterlab --LabApp.app_settings_dir=.lab --LabApp.default_url=/lab/tree/notebooks/README.md
+
+book: $(ENVIRONMENT) ## build a site of the notebooks, the pages and the modules, to read without a network
+	@exec $(RUN) book/build.py
 
 # Many containers say PYTHONDONTWRITEBYTECODE. Each process that tests start would then parse all sources anew.
 test: $(ENVIRONMENT) ## run all tests
@@ -136,16 +139,17 @@ clean-all: $(ENVIRONMENT) ## remove all artefacts and your own results
 	@$(RUN) -m replicate clean --all
 	rm -rf results/runs
 
-.venv/installed: requirements.lock
+.venv/installed: requirements.lock torch.lock
 	@.venv/bin/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -c '$(RECENT)' 2>/dev/null || { \
 	  echo "Python 3.11 or newer is needed, and $(PYTHON) is `$(PYTHON) --version 2>&1 | head -n 1`:" \
 	  "name one with PYTHON=/path/to/python3" >&2; exit 2; }
 	@.venv/bin/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv .venv
-	.venv/bin/python -m pip install --disable-pip-version-check -r requirements.lock
+	.venv/bin/python -m pip install --disable-pip-version-check --require-hashes --no-deps -r requirements.lock
+	.venv/bin/python -m pip install --disable-pip-version-check -r torch.lock
 	@touch $@
 
 Makefile: ;
 
 # Any other word: which target was meant.
 %:
-	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment lab test test-fast lint mutants clean-all
+	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment lab book test test-fast lint mutants clean-all

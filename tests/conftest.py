@@ -132,6 +132,7 @@ SLOW = (
     "targets/test_trained_models.py",
     "targets/test_trainings.py",
     "test_bad_input.py",
+    "test_book.py",
     "test_examples.py",
     "test_package.py",
     "timing",

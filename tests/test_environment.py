@@ -18,6 +18,7 @@ from replicate.cli.target_list import target_table, targets
 MODULE_NAMES = {
     "websocket-client": "websocket",
     "dask-jobqueue": "dask_jobqueue",
+    "myst-nb": "myst_nb",
     "pillow": "PIL",
     "pytest-xdist": "xdist",
     "scikit-learn": "sklearn",
@@ -25,9 +26,14 @@ MODULE_NAMES = {
 TEXT = {"", ".cff", ".csv", ".ipynb", ".json", ".lock", ".md", ".py", ".toml", ".yml"}
 
 
+def locks():
+    """Return the lines of requirements.lock that name a version, and those of torch.lock."""
+    texts = [(ROOT / name).read_text() for name in ("requirements.lock", "torch.lock")]
+    return [[line for line in text.splitlines() if line[0] not in "# "] for text in texts]
+
+
 def locked_versions():
-    lines = (ROOT / "requirements.lock").read_text().splitlines()
-    return dict(line.partition(";")[0].split("==") for line in lines if not line.startswith("#"))
+    return dict(re.split(" ?[;\\\\]", line)[0].split("==") for lines in locks() for line in lines)
 
 
 def project():
@@ -35,8 +41,11 @@ def project():
 
 
 def direct():
-    """Return what the suite itself asks for: to run, to be developed, and for CLUSTER."""
-    lists = [project()["dependencies"], *(project()["optional-dependencies"][extra] for extra in ("cluster", "dev"))]
+    """Return what the suite itself asks for: to run, for its site, to be developed, and for CLUSTER."""
+    lists = [
+        project()["dependencies"],
+        *(project()["optional-dependencies"][extra] for extra in ("book", "cluster", "dev")),
+    ]
     assert all(names == sorted(names) for names in lists)
     return sorted(name.partition(";")[0] for names in lists for name in names)
 
@@ -66,6 +75,15 @@ def test_every_locked_version_is_exact_and_from_no_particular_place():
     for package, version in locked_versions().items():
         assert re.fullmatch(r"[A-Za-z0-9._-]+", package) and re.fullmatch(r"[0-9][0-9a-z.]*", version), package
         assert not package.lower().startswith(("nvidia", "cuda", "triton")), package
+
+
+def test_every_locked_file_has_a_hash_but_those_of_torch():
+    text = (ROOT / "requirements.lock").read_text()
+    pinned, torch = locks()
+    entries = re.findall(r"^\S+==.*(?: \\\n    --hash=sha256:[0-9a-f]{64})+$", text, re.MULTILINE)
+    assert len(entries) == len(pinned) > 100 and [line.partition("==")[0] for line in torch] == ["torch"]
+    rule = (ROOT / "Makefile").read_text().partition(".venv/installed: ")[2].partition("\n\n")[0]
+    assert "--require-hashes --no-deps -r requirements.lock\n" in rule and "-r torch.lock\n" in rule
 
 
 def test_every_direct_dependency_is_locked():
@@ -132,7 +150,7 @@ def bare_checkout(folder):
     for part in ("targets", "benchmarks"):
         shutil.copytree(ROOT / "replicate" / part, folder / "replicate" / part)
     (folder / ".venv").mkdir()
-    for name in ("requirements.lock", ".venv/installed"):
+    for name in ("requirements.lock", "torch.lock", ".venv/installed"):
         (folder / name).write_text("")
 
 
@@ -148,7 +166,7 @@ def test_make_alone_prints_every_target_and_does_nothing(tmp_path):
 
 
 def test_an_old_python_is_refused_in_one_sentence(tmp_path):
-    for name in ("Makefile", "requirements.lock", "replicate/targets/targets.toml"):
+    for name in ("Makefile", "requirements.lock", "torch.lock", "replicate/targets/targets.toml"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)
     old = tmp_path / "python3.9"

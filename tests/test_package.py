@@ -17,7 +17,7 @@ from replicate.base.paths import ROOT
 PACKAGES = ("replicate", "data_recipes")
 IGNORED = shutil.ignore_patterns("__pycache__", "*.egg-info")
 DASK = ("dask", "dask_jobqueue", "distributed")
-TOOLS = ("basedpyright", "pytest", "_pytest", "xdist", "ruff", "beartype", "psutil")
+TOOLS = ("basedpyright", "pytest", "_pytest", "xdist", "ruff", "beartype", "psutil", "sphinx", "myst_nb", "furo")
 
 
 def python(*arguments, folder, program=sys.executable):

@@ -1,0 +1,56 @@
+"""The contents of the notebooks: what JupyterLab opens with, in README's order, and true about what trains."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from replicate.base.paths import ROOT
+from replicate.cli.target_list import targets
+from replicate.config import resolve
+from replicate.engine.stage import in_order
+from replicate.methods.method_registry import choose
+from replicate.methods.plan import Plan, TrainingSettings
+
+CONTENTS = (ROOT / "notebooks" / "README.md").read_text(encoding="utf-8")
+ENTRY = re.compile(r"^- \[(\w+)\]\((\w+)\.ipynb\): \w.*\. `make ([a-z0-9-]+)`(, trains)?$", re.MULTILINE)
+ENTRIES = [(name, file, command, bool(trains)) for name, file, command, trains in ENTRY.findall(CONTENTS)]
+
+
+def test_the_contents_have_readmes_groups_in_readmes_order():
+    lines = re.findall(r"^\| (\[.*\.ipynb\).*) \| (.*) \|$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
+    in_readme = [(about, re.findall(r"\(notebooks/(\w+)\.ipynb\)", names)) for names, about in lines]
+    groups = [group.partition("\n") for group in CONTENTS.split("\n## ")[1:]]
+    here = [(about[0].lower() + about[1:], [entry[0] for entry in ENTRY.findall(text)]) for about, _, text in groups]
+    assert here == [(about[0].lower() + about[1:], names) for about, names in in_readme]
+
+
+def test_every_notebook_stands_in_the_contents_once():
+    names = [name for name, *_ in ENTRIES]
+    assert sorted(names) == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
+    assert names == [file for _, file, *_ in ENTRIES] and len(names) == CONTENTS.count(".ipynb)")
+
+
+@pytest.mark.parametrize(("command", "trains"), sorted({entry[2:] for entry in ENTRIES}))
+def test_the_contents_say_which_commands_train(command, trains):
+    if command.startswith("bench-"):
+        about = (ROOT / f"replicate/benchmarks/{command.replace('-', '_')}.py").read_text("utf-8").split('"""')[1]
+        assert trains == ("trains" in about)
+        return
+    target = targets()[command]
+    graph = in_order(target.stages(Plan(resolve("tiny", "quick")), choose(["coarse"]))) if target.stages else []
+    assert trains == any(isinstance(stage.config, TrainingSettings) for stage in graph)
+
+
+def test_make_lab_opens_the_contents_as_they_are_to_be_read():
+    (command,) = re.findall(r"^\t.*-m jupyterlab (.*)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    options = dict(word.removeprefix("--LabApp.").split("=") for word in command.split())
+    assert (ROOT / options["default_url"].removeprefix("/lab/tree/")).is_file()
+    settings = json.loads((ROOT / options["app_settings_dir"] / "overrides.json").read_text("utf-8"))
+    schemas = Path(sys.prefix) / "share" / "jupyter" / "lab" / "schemas"
+    for plugin, values in settings.items():
+        package, _, name = plugin.partition(":")
+        known = json.loads((schemas / package / f"{name}.json").read_text("utf-8"))["properties"]
+        assert set(values) <= set(known)
