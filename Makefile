@@ -115,7 +115,7 @@ $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(MAKE_PID) $(OPTIONS)
 
 lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
-	@exec $(RUN) -m jupyterlab --LabApp.app_settings_dir=.lab --LabApp.default_url=/lab/tree/notebooks/README.md
+	@PYTHONPATH="$(CURDIR)$${PYTHONPATH:+:$$PYTHONPATH}" exec $(RUN) -m jupyterlab --LabApp.app_settings_dir=.lab --LabApp.default_url=/lab/tree/notebooks/README.md
 
 book: $(ENVIRONMENT) ## build a site of the notebooks, the pages and the modules, to read without a network
 	@exec $(RUN) book/build.py
