@@ -129,7 +129,7 @@ def overview_table(table2: Sequence[Row], title: str, metrics: Mapping[str, tupl
             scale = 1e-6 if metric == "multiplications" else 1.0
             digits = "ratio" if metric == "multiplications" else unit
             cells = (round_off(row.value * scale, digits) if row else "–" for row in found)
-            body.append((method_named(name).title, *cells))
+            body.append((method_named(name).label, *cells))
     return Table(title, (("", *characters),), tuple(body))
 
 

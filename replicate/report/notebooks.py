@@ -84,10 +84,13 @@ def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[
     return dict(sorted(pictures.items(), key=lambda item: order_of(item[0])))
 
 
-def pick(names: Iterable[str], wanted: str) -> str:
-    """Return the character that a notebook's first cell names, where there are results of it, else the first one."""
-    there = list(names)
-    return wanted if wanted in there or not there else there[0]
+def pick(there: Iterable[Row | str], wanted: str) -> str:
+    """Return the character that a notebook's first cell names where there are results of it, else the first of them.
+
+    there: rows, or names of characters.
+    """
+    names = {each.character if isinstance(each, Row) else each for each in there}
+    return wanted if wanted in names or not names else min(names, key=order_of)
 
 
 def whole_rigs(rows: Iterable[Row]) -> list[Row]:

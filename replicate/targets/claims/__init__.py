@@ -291,8 +291,10 @@ def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
         (f"{claim.name} {claim.text}", outcome(stand_ins(verdicts, claim.name)), *effects(verdicts, claim))
         for claim in CLAIMS
     )
-    notes = (f"✔ holds, ✘ fails, ◐ on some, {NARROWLY}. Effect: the ratio of the two numbers that decide, over our characters; below 1 "
-             "supports the claim.",)  # fmt: skip
+    notes = (
+        f"✔ holds, ✘ fails, ◐ on some, {NARROWLY}. Effect: the ratio of the two numbers that decide, over our "
+        "characters; below 1 supports the claim.",
+    )
     header = ("", "on our characters", "effect here", "in the paper")
     return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2)
 

@@ -397,13 +397,16 @@ RIGS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0000
 LINE_HEIGHT = 0.5  # inches for each rig
 
 
-def share_chart(rows: Sequence[Row], labels: Mapping[str, str]) -> "tuple[matplotlib.figure.Figure, Words]":
+def share_chart(
+    rows: Sequence[Row], labels: Mapping[str, str] | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): which share of the neutral pose's normal error each fit leaves, a line for each rig.
 
-    labels: character → what the chart calls it, from above to below.
+    labels: character → what the chart calls it, from above to below; by default all characters by their names.
     """
     from matplotlib.figure import Figure
 
+    labels = labels or {character: character for character in characters_of(rows)}
     figure = Figure((WIDTH, 1.5 + LINE_HEIGHT * len(labels)), dpi=DPI, layout="constrained")
     axes, phrases = figure.subplots(), []
     for y, (character, label) in enumerate(labels.items()):
@@ -427,13 +430,13 @@ def share_chart(rows: Sequence[Row], labels: Mapping[str, str]) -> "tuple[matplo
     )
 
 
-def maps_chart(rows: Sequence[Row], characters: Sequence[str]) -> "tuple[matplotlib.figure.Figure, Words]":
+def maps_chart(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the normal error of the true offsets on maps, by the maps' size, a line for each rig."""
     from matplotlib.figure import Figure
 
     figure = Figure((WIDTH, 4.6), dpi=DPI, layout="constrained")
     axes, sizes, phrases = figure.subplots(), map_sizes(rows), []
-    for colour, character in zip(itertools.cycle(RIGS), characters, strict=False):
+    for colour, character in zip(itertools.cycle(RIGS), characters_of(rows), strict=False):
         errors = [_value(rows, character, "maps", f"normal_error_mean[{size}]") for size in sizes]
         axes.plot(sizes, [np.nan if error is None else error for error in errors], "o-", color=colour, label=character)
         phrases.append(f"{character}: {', '.join(round_off(error, 'deg') for error in errors)}")
