@@ -1,4 +1,4 @@
-"""Borders of regions: which faces lie on them, errors that stand there and nowhere else; and the method beside others."""
+"""Borders of regions: which faces lie on them, errors there and nowhere else; and the method beside others."""
 
 import numpy as np
 import pytest
