@@ -411,7 +411,7 @@ def _show_verdict(verdicts: Sequence[Verdict], name: str) -> None:
     here, theirs = effects(verdicts, claim)
     notebooks.show_text(
         f"**{name}, {claim.text}** ({claim.where}): **{outcome(stand_ins(verdicts, name))}**. "
-        f"Effect here {here}, {'which the paper prints no number for' if theirs == '–' else f'in the paper {theirs}'}."
+        f"Effect here {here}{'; the paper prints no number' if theirs == '–' else f', in the paper {theirs}'}."
     )
 
 
@@ -445,10 +445,10 @@ def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
 def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> Table:
     """Return for each character whether one method's mean error is smaller than another's, by the rule of the claims.
 
-    kind: "vertex" or "normal". A character that lacks a number is not tested.
+    kind: "vertex" or "normal". A character that lacks a number is not tested; variants of a character are left out.
     """
     body = []
-    for character in evidence.characters():
+    for character in (name for name in evidence.characters() if "@" not in name):
         try:
             comparison = smaller_error(evidence, character, method, other, kind)
             body.append((character, HOLDS if comparison.satisfied else FAILS, f"{comparison}"))
