@@ -14,7 +14,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,10 +65,12 @@ def metric_of(name: str, bones: int, seed: int, poses: tuple[int, int] = USUAL) 
     return f"{name}[{bones}, seed {seed}{counts}]"
 
 
-def lbs_table(rows: Sequence[Row], character: str, poses: tuple[int, int] = USUAL) -> Table:
+def lbs_table(
+    rows: Sequence[Row], character: str, poses: tuple[int, int] = USUAL, columns: Collection[str] = tuple(COLUMNS)
+) -> Table:
     """Return one character's table: each method's means over seeds, and ours over Dem Bones' with its spread.
 
-    poses: the table shows fits with so many training and test poses.
+    poses: the table shows fits with so many training and test poses. columns: what it shows, keys of `COLUMNS`.
     """
     rows = [row for row in rows if row.character == character and _poses(row.metric) == poses]
     by_seed = _by_seed(rows)
@@ -78,7 +80,7 @@ def lbs_table(rows: Sequence[Row], character: str, poses: tuple[int, int] = USUA
     for bones in sorted({_place(metric)[1] for _, metric in by_metric}):
         seeds = sum(any(_place(row.metric)[1] == bones for row in run) for run in runs)
         for method, words in (METHODS | {RATIO: "ours / Dem Bones"}).items():
-            cells = [by_metric.get((method, f"{name}[{bones}]")) for name in COLUMNS]
+            cells = [by_metric.get((method, f"{name}[{bones}]")) for name in columns]
             if (first := cells[0]) is None:
                 continue
             fewer = f" ({first.seeds} of {seeds} seeds)" if first.seeds < seeds else ""
@@ -92,7 +94,7 @@ def lbs_table(rows: Sequence[Row], character: str, poses: tuple[int, int] = USUA
         + (" In brackets: over so many seeds only; in the others it wasn't reached, or not measured." if partly else "")
         + _note_on_starts(rows),
     )
-    return Table(f"LBS: {character}", (("", *COLUMNS.values()),), in_groups(lines), notes)
+    return Table(f"LBS: {character}", (("", *(COLUMNS[name] for name in columns)),), in_groups(lines), notes)
 
 
 def _place(metric: str) -> tuple[str, int, int | None]:

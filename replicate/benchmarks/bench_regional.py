@@ -35,13 +35,13 @@ from replicate.drawing.scene import Surface, camera_for
 from replicate.engine.store import artefact_folder
 from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts, regional
-from replicate.methods.method_registry import sections
+from replicate.methods.method_registry import method_named, sections
 from replicate.methods.plan import Plan
 from replicate.methods.regional import RegionalConfig
 from replicate.regional.basis import split_regions
 from replicate.regional.model import load
-from replicate.report.results import Row
-from replicate.report.tables import Table
+from replicate.report.results import Row, characters_of, find
+from replicate.report.tables import Table, round_off
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -106,6 +106,31 @@ def pieces_tables(rows: Sequence[Row]) -> list[Table]:
     characters = dict.fromkeys(row.character for row in rows)
     borders = [borders_table([row for row in rows if row.character == name], LINES) for name in characters]
     return [*tables, *(table for table in borders if table.body)]
+
+
+SHOWN = ("refined", "dense", "linear", "regional")
+ERRORS = {
+    "normal_error_mean": ("deg", "Normal angle error, degrees"),
+    "vertex_error_mean": ("mm", "Distance error, mm"),
+}
+COSTS = {"model_size": ("MB", "Size, MB"), "multiplications": ("count", "Multiplications of one pose, millions")}
+
+
+def overview_table(table2: Sequence[Row], title: str, metrics: Mapping[str, tuple[str, str]]) -> Table:
+    """Return what Table 2 says of our method beside the paper's networks and a line, a column for each character.
+
+    metrics: `ERRORS` or `COSTS`.
+    """
+    characters, body = characters_of(table2), []
+    for metric, (unit, words) in metrics.items():
+        body.append((words, *[""] * len(characters)))
+        for name in SHOWN:
+            found = [find(table2, "table2", character, name, metric) for character in characters]
+            scale = 1e-6 if metric == "multiplications" else 1.0
+            digits = "ratio" if metric == "multiplications" else unit
+            cells = (round_off(row.value * scale, digits) if row else "–" for row in found)
+            body.append((method_named(name).label, *cells))
+    return Table(title, (("", *characters),), tuple(body))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,6 +6,7 @@ results/runs/laptop/table2.ipynb. With "reference" the committed notebook itself
 
 import argparse
 import hashlib
+import html
 import json
 import os
 import re
@@ -20,10 +21,11 @@ from replicate.base.code_hash import code_digest
 from replicate.base.command_line import guard
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.files import short_temporary_folder, write_text
-from replicate.base.paths import REFERENCE, ROOT, committed_folders, display_path, run_folder
+from replicate.base.paths import PAPER, REFERENCE, ROOT, committed_folders, display_path, run_folder
 from replicate.drawing.panels import Words, for_page, png
 from replicate.engine.provenance import LABELS, as_lines
 from replicate.report.manifest import DRAWN, POSES, command_of, section, targets
+from replicate.report.manifest import NAME as MANIFEST
 from replicate.report.results import Row, order_of, read_results
 from replicate.report.tables import Table, as_html, as_markdown, plain_markdown, unbroken
 
@@ -53,6 +55,11 @@ def open_table(name: str, target: str) -> list[Row]:
     return read_results(file)
 
 
+def published_table(target: str) -> list[Row]:
+    """Read the paper's own rows of a table, "table1"."""
+    return read_results(PAPER / f"{target}.csv")
+
+
 def rows_if_there(name: str, file: str) -> list[Row]:
     """Read the rows of another file, "rig_report.csv", from `folder_of(name)`; none if it is missing."""
     path = folder_of(name) / file
@@ -75,6 +82,21 @@ def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[
         if missing:
             raise InputError(f"{missing[0]}: there is no such picture; `make {command_of(target)}` draws it.")
     return dict(sorted(pictures.items(), key=lambda item: order_of(item[0])))
+
+
+def pick(there: Iterable[Row | str], wanted: str) -> str:
+    """Return the character that a notebook's first cell names where there are results of it, else the first of them.
+
+    there: rows, or names of characters.
+    """
+    names = {each.character if isinstance(each, Row) else each for each in there}
+    return wanted if wanted in names or not names else min(names, key=order_of)
+
+
+def whole_rigs(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows without those of a character's variants, such as teen@one_face; all where there are no others."""
+    rows = list(rows)
+    return [row for row in rows if "@" not in row.character] or rows
 
 
 def show_table(table: Table, folded: bool = False) -> None:
@@ -105,10 +127,10 @@ def show(figure: "matplotlib.figure.Figure", words: Words) -> None:
     _show(png(figure, words), words)
 
 
-def _show(data: bytes, words: Words) -> None:
+def _show(data: bytes, words: Words, width: int | None = None) -> None:
     from IPython.display import Image, Markdown, display
 
-    display(Image(for_page(data), alt=words.alt), Markdown(f"*{plain_markdown(words.caption)}*"))
+    display(Image(for_page(data), alt=words.alt, width=width), Markdown(f"*{plain_markdown(words.caption)}*"))
 
 
 def show_text(text: str) -> None:
@@ -118,9 +140,24 @@ def show_text(text: str) -> None:
     display(Markdown(text))
 
 
-def show_picture(file: Path) -> None:
-    """Show a saved figure in a notebook with its alt text and caption, which are in a JSON file beside it."""
-    _show(file.read_bytes(), Words(**json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))))
+def show_folded(summary: str, lines: Iterable[str]) -> None:
+    """Show one line of plain text in a notebook, and further ones once a reader clicks it.
+
+    Where no HTML is shown, as in a PDF, the lines are left out.
+    """
+    from IPython.display import display
+
+    body = "\n".join(f"<li>{html.escape(line, quote=False)}</li>" for line in lines)
+    whole = f"<details><summary>{html.escape(summary, quote=False)}</summary>\n<ul>\n{body}\n</ul>\n</details>"
+    display({"text/html": whole, "text/markdown": plain_markdown(f"{summary}: see the page itself.")}, raw=True)
+
+
+def show_picture(file: Path, width: int | None = None) -> None:
+    """Show a saved figure in a notebook with its alt text and caption, which are in a JSON file beside it.
+
+    width: of the picture on the page, px; by default as wide as it is, or as the page.
+    """
+    _show(file.read_bytes(), Words(**json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))), width)
 
 
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
@@ -269,6 +306,48 @@ if __name__ == "__main__":
 COMMIT_LENGTH = 12  # hexadecimal digits of a commit on pages; manifests have all
 LINE = 104  # characters in a line of a page 1,000 px wide
 FEW_STAGES = 4  # pages name at most so many stages
+FEW_NAMES = 3  # and a line so many runs
+
+
+def show_provenance(name: str, target: str = "table2") -> None:
+    """Show where the results of a target come from: one line, and all of `provenance_text` once a reader clicks it."""
+    show_origin(provenance_line(name, target), provenance_text(name, target), folder_of(name))
+
+
+def show_origin(line: str, text: str, folder: Path) -> None:
+    """Show a line with a link to a folder's manifest, and a text in lines of its own once a reader clicks it."""
+    from IPython.display import display
+
+    committed = folder in committed_folders().values()  # a committed notebook shows it; other notebooks lie beside it
+    place = Path(os.path.relpath(folder, NOTEBOOKS)).as_posix() + "/" if committed else ""
+    link = f'<a href="{html.escape(place + MANIFEST)}">manifest</a>'
+    summary = f"<summary>{html.escape(line, quote=False)} ({link})</summary>"
+    whole = f"<details>{summary}\n<pre>{html.escape(text, quote=False)}</pre>\n</details>"
+    display({"text/html": whole, "text/markdown": plain_markdown(line)}, raw=True)
+
+
+def provenance_line(name: str, target: str = "table2") -> str:
+    """Return where the results of a target come from in one line: the runs, their commits, profiles and seeds."""
+    manifest = section(folder_of(name), target)
+    entries = [{**manifest, **facts} for facts in (manifest.get("characters") or {"": {}}).values()]
+    seeds = sorted({seed for facts in entries for seed in facts.get("seeds") or ()})
+    commits = [name for facts in entries if (git := facts.get("git")) for name in git.get("commits") or [git["commit"]]]
+    parts = (
+        _named("run", [facts["run"] for facts in entries if "run" in facts]),
+        _named("commit", [commit[:COMMIT_LENGTH] for commit in commits]),
+        _named("profile", [facts["profile"] for facts in entries if facts.get("profile")]),
+        _named("seed", map(str, seeds)),
+    )
+    return f"Where these numbers come from: {', '.join(filter(None, parts)) or 'unknown'}."
+
+
+def _named(word: str, names: Iterable[str]) -> str:
+    """Return a word with its names, or how many there are where a line has no room for them: "run 0f41", "7 runs"."""
+    several = list(dict.fromkeys(names))
+    if len(several) > FEW_NAMES:
+        return f"{len(several)} {word}s"
+    *most, last = several or [""]
+    return f"{word}s {', '.join(most)} and {last}" if most else f"{word} {last}" if last else ""
 
 
 def provenance_text(name: str, target: str = "table2") -> str:

@@ -67,6 +67,7 @@ def test_numbers_of_other_counts_of_poses_stay_apart_and_are_fitted_anew(both):
     assert bench._peer_error(both, "teen", "rig-1", 16, 0) == 1
     assert bench._peer_error(both, "teen", "rig-1", 16, 0, few) == 4
     assert bench.lbs_table(rows, "teen") == usual
+    assert bench.lbs_table(rows, "teen", columns=("rmse", "time")).headers == (("", "RMSE, mm", "time, s"),)
     assert bench.lbs_table(rows, "teen", few).body[0][:2] == ("ours, 16 bones", "2.00")
 
 

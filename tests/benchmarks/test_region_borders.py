@@ -1,10 +1,18 @@
-"""Borders of regions: which faces lie on them, and errors that stand there and nowhere else."""
+"""Borders of regions: which faces lie on them, errors there and nowhere else; and the method beside others."""
 
 import numpy as np
 import pytest
+from sample_rows import mean_rows
 from small_face import small_mesh
 
-from replicate.benchmarks.bench_regional import border_faces, borders_table, mean_normal_errors
+from replicate.benchmarks.bench_regional import (
+    COSTS,
+    ERRORS,
+    border_faces,
+    borders_table,
+    mean_normal_errors,
+    overview_table,
+)
 from replicate.regional.basis import split_regions
 from replicate.report.results import Row
 
@@ -40,3 +48,11 @@ def test_the_table_has_the_ratio_of_both():
     rows = [Row("bench_regional", "teen", "regional", "border_normal_error[as it is]", *facts)]
     rows.append(Row("bench_regional", "teen", "regional", "inner_normal_error[as it is]", "deg", 0.4, *facts[2:]))
     assert borders_table(rows, ("as it is", "no line")).body == (("as it is", "0.50", "0.40", "1.25"),)
+
+
+def test_the_overview_has_a_column_for_each_character_and_costs_in_millions():
+    products = Row("table2", "teen", "refined", "multiplications", "count", 227_250_000.0, None, 1, None, "quick", "r")
+    rows = [*mean_rows(normal={"refined": 0.5}), *mean_rows(character="toon"), products]
+    errors, costs = (overview_table(rows, "Errors", metrics) for metrics in (ERRORS, COSTS))
+    assert errors.headers == (("", "teen", "toon"),) and errors.body[1] == ("Refined", "0.50", "1.00")
+    assert ("Refined", "227.25", "–") in costs.body

@@ -46,7 +46,7 @@ def stored_texts(cell: dict) -> list[str]:
     for output in cell["outputs"]:
         data = output.get("data", {})
         kinds = [kind for kind in ("text/markdown", "text/html") if kind in data] or ["text/plain"]
-        if "image/png" not in data:
+        if not {"image/png", "image/jpeg"} & data.keys():
             shown += ["".join(data[kind]) for kind in kinds if kind in data]
     return ["".join(printed), *shown]
 

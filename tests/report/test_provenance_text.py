@@ -8,7 +8,8 @@ import pytest
 from replicate.base.exceptions import InputError
 from replicate.base.paths import run_folder
 from replicate.engine.provenance import LABELS
-from replicate.report.notebooks import LINE, provenance_text
+from replicate.report import notebooks
+from replicate.report.notebooks import LINE, provenance_line, provenance_text
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 COMMAND = "python -m replicate table2 --profile quick"
@@ -107,3 +108,29 @@ def test_lines_are_no_longer_than_a_page_has_room_for_and_nothing_is_lost(manife
     assert all(command in " ".join(text.split()) for command in commands)
     label = "profile, seeds, a_character_of_somebody_else"
     assert f"{label}\n{'':{LABELS}}None, [28]" in text, "a long label has a line of its own"
+
+
+def test_one_line_names_the_runs_or_counts_them(manifest):
+    each = {"teen": {"run": "a1", "seeds": [0, 1]}, "toon": {"run": "b2", "seeds": [1]}}
+    shared = {"git": {"commit": COMMIT, "clean": True}, "profile": "quick"}
+    manifest.write_text(json.dumps(shared | {"characters": each}))
+    assert provenance_line("quick") == (
+        "Where these numbers come from: runs a1 and b2, commit 0123456789ab, profile quick, seeds 0 and 1."
+    )
+    many = {f"c{k}": {"run": f"r{k}", "seeds": [0]} for k in range(5)}
+    manifest.write_text(json.dumps({"characters": many}))
+    assert provenance_line("quick") == "Where these numbers come from: 5 runs, seed 0."
+    manifest.write_text("{}")
+    assert provenance_line("quick").endswith(": unknown.")
+
+
+def test_the_rest_is_folded_below_a_link_to_the_manifest(manifest, monkeypatch):
+    shown = []
+    monkeypatch.setattr("IPython.display.display", lambda what, raw: shown.append(what))
+    manifest.write_text(json.dumps({"profile": "<b>", "command": COMMAND}))
+    notebooks.show_provenance("quick")
+    notebooks.show_provenance("reference", "table1")
+    own, committed = (what["text/html"] for what in shown)
+    assert '<a href="manifest.json">' in own and own.startswith("<details><summary>") and COMMAND in own
+    assert "<b>" not in own and '<a href="../results/reference/manifest.json">' in committed
+    assert all("<" not in what["text/markdown"] for what in shown)

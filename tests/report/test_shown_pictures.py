@@ -1,23 +1,22 @@
-"""A large picture on a page of many: shown in fewer colours, in its size."""
+"""A large picture on a page of many: shown as JPEG, no wider than the page; a small one as it is."""
 
-import io
 import json
 
 import numpy as np
 import PIL.Image
 
+from replicate.drawing.panels import SMALL_BYTES
 from replicate.report import notebooks
 
 
-def test_a_picture_above_the_bound_is_shown_smaller_and_one_below_as_it_is(tmp_path, monkeypatch):
+def test_a_large_picture_is_shown_with_fewer_bytes_and_a_small_one_as_it_is(tmp_path, monkeypatch):
     rng, shown = np.random.default_rng(0), []
-    picture = PIL.Image.fromarray(rng.integers(0, 255, (40, 60, 3), np.uint8))
-    picture.save(tmp_path / "a.png")
-    (tmp_path / "a.json").write_text(json.dumps({"alt": "noise", "caption": "Noise."}))
-    monkeypatch.setattr("IPython.display.display", lambda image, words: shown.append(image.data))
-    own = (tmp_path / "a.png").read_bytes()
-    for bound in (None, len(own), len(own) - 1):
-        notebooks.show_picture(tmp_path / "a.png", bound)
-    assert shown[0] == shown[1] == own and len(shown[2]) < len(own)
-    small = PIL.Image.open(io.BytesIO(shown[2]))
-    assert small.size == picture.size and len(small.getcolors()) < len(picture.getcolors(1 << 24))
+    monkeypatch.setattr("IPython.display.display", lambda image, words: shown.append(image))
+    for name, size in (("small", 100), ("large", 600)):
+        PIL.Image.fromarray(rng.integers(0, 12, (size, size, 3), np.uint8)).save(tmp_path / f"{name}.png")
+        (tmp_path / f"{name}.json").write_text(json.dumps({"alt": "noise", "caption": "Noise."}))
+        notebooks.show_picture(tmp_path / f"{name}.png", width=80)
+    small, large = ((tmp_path / f"{name}.png").read_bytes() for name in ("small", "large"))
+    assert len(small) < SMALL_BYTES < len(large)
+    assert shown[0].data == small and len(shown[1].data) < len(large) and shown[1].data[:2] == b"\xff\xd8"
+    assert [image.width for image in shown] == [80, 80]

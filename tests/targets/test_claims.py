@@ -14,10 +14,13 @@ from replicate.report.results import Row, over_seeds, write_results, write_seeds
 from replicate.report.tables import as_latex, as_markdown, as_text
 from replicate.targets.claims import (
     claim_chart,
+    claims_at_a_glance,
     claims_in_brief,
     claims_table,
+    outcome,
     overview,
     reasons_table,
+    show_verdict,
     verdicts_of_table2,
     write_claims,
 )
@@ -70,6 +73,46 @@ def test_a_claim_in_brief_has_symbols_and_the_size_of_the_effect_here_and_in_the
     assert lines["C5"][:4] == ("❌≈", "–", "–", "❌≈") and lines["C1"][-1] == "0.40–0.90"
 
 
+def test_a_glance_says_on_which_characters_in_the_fewest_words():
+    whole = judge_all(Evidence(mean_rows()), PAPER)[0]
+
+    def words(**verdicts):
+        return outcome([replace(whole, character=who, verdict=verdict, seeds=3) for who, verdict in verdicts.items()])
+
+    none = "not tested"
+    assert words(teen=none) == "– not tested"
+    clear = replace(whole, value=1.0, limit=2.0)
+    assert outcome([replace(clear, verdict="holds"), replace(clear, verdict="holds", character="toon")]) == "✔ holds"
+    far = {who: replace(clear, character=who, verdict="fails") for who in ("teen", "woman", "dragon", "toon")}
+    assert outcome([*far.values()]) == "✘ fails"
+    assert (
+        outcome([*far.values(), replace(clear, character="ict", verdict=none)])
+        == "✘ fails on teen, woman, dragon, toon"
+    )
+    assert outcome([*far.values(), replace(clear, character="ict", verdict="holds")]) == "◐ holds on ict only"
+    close = replace(clear, value=1.97, character="ict", verdict="holds")
+    assert outcome([*far.values(), close]) == "◐ holds on ict only ≈"
+
+
+def test_at_a_glance_the_papers_stand_ins_count_or_else_the_characters_that_there_are():
+    rows = [*mean_rows(normal={"refined": 0.5}), *mean_rows(character="mine"), *mean_rows(character="teen@3")]
+    for given, expected in ((rows, "✔ holds on teen"), (rows[len(rows) // 3 :], "✘ fails ≈")):
+        lines = {line[0][:3].strip(): line for line in claims_at_a_glance(judge_all(Evidence(given), PAPER)).body}
+        assert lines["C2"][1] == expected and len(lines) == len(CLAIMS)
+    assert lines["C2"][3] == "0.41–0.79", "the paper's effect is there whatever ours is"
+
+
+def test_a_verdict_on_a_page_is_a_line_with_its_reasons_folded(monkeypatch):
+    texts, folded = [], []
+    monkeypatch.setattr(notebooks, "show_text", texts.append)
+    monkeypatch.setattr(notebooks, "show_folded", lambda summary, lines: folded.extend([summary, *lines]))
+    show_verdict(mean_rows(normal={"refined": 0.5}), "C3")
+    (line,) = texts
+    assert line.startswith("**C3, Refined beats every LBS") and "**✔ holds**" in line and "0.41–0.69" in line
+    assert "C3" in folded[0] and folded[1].startswith("It holds if:") and folded[2].startswith("teen: holds. ")
+    assert folded[-1] == "the paper's numbers: holds (Hiccup)"
+
+
 def test_a_column_says_its_profile_where_others_were_trained_otherwise():
     short = mean_rows(normal={"refined": 0.5}, character="mine")
     alone, beside = Evidence(short), Evidence([*short, *(replace(row, profile="laptop") for row in mean_rows())])
@@ -108,7 +151,8 @@ def test_reasons_stand_beside_the_papers_own_verdict():
 
 
 def test_a_chart_has_a_panel_for_each_character_with_numbers_of_ours_or_the_papers():
-    evidence = Evidence([*mean_rows(normal={"refined": 0.5}, sd=0.01), *mean_rows(character="ict")])
+    given = [*mean_rows(normal={"refined": 0.5}, sd=0.01), *mean_rows(character="ict")]
+    evidence = Evidence([*given, *mean_rows(character="teen@3")])
     figure, words = claim_chart(evidence, PAPER, "C2")
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert titles == [

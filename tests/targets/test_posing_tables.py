@@ -12,7 +12,7 @@ from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 from replicate.targets import table4
 from replicate.targets.table4.rows import PosingSettings, Source, feeder
-from replicate.targets.table4.tables import feeding_table, networks_table, posing_table, tables4
+from replicate.targets.table4.tables import AS_GIVEN, feeding_table, networks_table, posing_table, tables4
 
 
 def rows(character="teen"):
@@ -44,6 +44,8 @@ def test_the_papers_numbers_stand_beside_ours():
     assert table.headers == (("", "teen", "Hiccup"),)
     assert ("Dense", "0.31", "–") in table.body, "within limits; the paper has no such number"
     assert ("Refined", "0.31", "0.94") in table.body and ("Dense", "1.86", "5.6") in table.body
+    given = posing_table(rows(), read_results(PAPER / "table4.csv"), AS_GIVEN)
+    assert len(given.body) < len(table.body) and not any("ithin limits" in text for text in as_text(given).splitlines())
     assert any("25 configurations" in note and "one seed" in note for note in table.notes)
 
 

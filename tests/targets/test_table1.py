@@ -29,7 +29,15 @@ from replicate.report.results import STANDS_FOR, characters_of, find, read_resul
 from replicate.report.tables import as_markdown, as_text
 from replicate.targets.compare import compare
 from replicate.targets.table1.rows import WIDTHS, SizeSettings, rows_of, sizes_mb
-from replicate.targets.table1.tables import bracket, implied_vertices, size_claim, size_ratio, table1
+from replicate.targets.table1.tables import (
+    COUNTS,
+    bracket,
+    implied_vertices,
+    ratio_chart,
+    size_claim,
+    size_ratio,
+    table1,
+)
 
 THEIRS = read_results(PAPER / "table1.csv")
 SHAPES = [MapShape(c.map_size, c.channels, c.hidden) for c in (CoarseConfig(), RefinementConfig())]
@@ -168,6 +176,17 @@ def test_the_table_shows_ours_beside_the_papers_and_where_the_size_lies():
     assert cells_after(text, "– implied by dense 256/256") == ["6,704–7,561"]
     markdown = [row for row in as_markdown(table1(table1_rows(), THEIRS)).splitlines() if row.startswith("|")]
     assert len({row.count("|") for row in markdown}) == 1
+
+
+def test_chosen_lines_alone_are_shown_without_notes_on_the_others():
+    table = table1(table1_rows(), THEIRS, COUNTS)
+    assert tuple(line[0] for line in table.body) == COUNTS and not any("implied" in note for note in table.notes)
+
+
+def test_the_chart_of_ratios_has_ours_beside_the_papers():
+    figure, words = ratio_chart([*table1_rows(), *table1_rows("mine")], THEIRS)
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["teen (Hiccup)", "mine"]
+    assert "teen (Hiccup): 3.00 and 3.00; mine: 3.00 and –" in words.alt and "2 to 5 times" in words.caption
 
 
 def test_several_seeds_show_their_spread_where_there_is_one():

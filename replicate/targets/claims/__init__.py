@@ -14,6 +14,7 @@ from replicate.base.paths import REFERENCE, display_path
 from replicate.config import PROFILES, check_profile
 from replicate.drawing.panels import DPI, WIDTH, Words, tidy
 from replicate.engine.provenance import as_lines
+from replicate.report import notebooks
 from replicate.report.notebooks import folder_of, provenance_text, run_notebook
 from replicate.report.publication import alone, results_folder
 from replicate.report.results import STANDS_FOR, Row, characters_of, order_of, seeds_in_words
@@ -127,14 +128,12 @@ def open_claims(name: str) -> OpenClaims:
     return OpenClaims(read_verdicts(file), verdict_frame(file), gather(folders_of(name)), published())
 
 
-def claims_provenance_text(name: str) -> str:
-    """Return where the numbers behind the verdicts come from: the folder of each table, and what its manifest says."""
+def show_claims_provenance(name: str) -> None:
+    """Show where the numbers behind the verdicts come from: the folder of each table, and what its manifest says."""
     places = gather(folders_of(name)).places
     tables: dict[tuple[str, str], list[str]] = {}
     for (table, character), place in places.items():
         tables.setdefault((table, place), []).append(character)
-    if not tables:
-        return "no numbers to judge by are there yet"
     texts = [as_lines({f"{table}, {place}": ", ".join(names) for (table, place), names in tables.items()})]
     for table, place in tables:
         try:
@@ -142,7 +141,12 @@ def claims_provenance_text(name: str) -> str:
             texts.append(f"{table}, {place}\n{provenance_text(place, target)}")
         except InputError:  # rows without a manifest: their column `run` names the run
             continue
-    return "\n\n".join(texts)
+    line = (
+        f"Where these numbers come from: {len(tables)} tables in {' and '.join(dict.fromkeys(p for _, p in tables))}."
+    )
+    notebooks.show_origin(
+        line if tables else "No numbers to judge by are there yet.", "\n\n".join(texts), folder_of(name)
+    )
 
 
 # The verdicts, printed: claims against characters, and why.
@@ -253,6 +257,9 @@ def overview(file: Path) -> Table:
 
 
 SYMBOLS = {HOLDS: "✅", FAILS: "❌", NOT_TESTED: "–"}
+PAGE_SYMBOLS = {HOLDS: "✔", FAILS: "✘"}  # any font has these, also on a machine without colour emojis
+MIXED = "◐"
+NARROWLY = "≈ by less than 5 % (of times: 10 %)"
 
 
 def claims_in_brief(file: Path) -> Table:
@@ -261,21 +268,67 @@ def claims_in_brief(file: Path) -> Table:
     file: a folder's `claims.csv`. The effect is the ratio of the two numbers that decide, from the smallest to the
     largest of the characters.
     """
-    verdicts = {(verdict.claim, verdict.character): verdict for verdict in read_verdicts(file)}
-    paper, body = published(), []
+    verdicts = read_verdicts(file)
+    body = []
     for claim in CLAIMS:
-        ours = [verdicts[claim.name, character] for character in STANDS_FOR if (claim.name, character) in verdicts]
-        theirs = [comparison.ratio for comparison in _deciding(claim, paper)]
-        here = [verdict.value / verdict.limit for verdict in ours if verdict.value is not None and verdict.limit]
-        symbols = (cell(verdict).replace(verdict.verdict, SYMBOLS[verdict.verdict]) for verdict in ours)
+        symbols = (cell(each).replace(each.verdict, SYMBOLS[each.verdict]) for each in stand_ins(verdicts, claim.name))
         cells = [symbol.replace(" ", "").replace("†", "").replace("‡", "≈") for symbol in symbols]
-        body.append((f"{claim.name} {claim.text}", *cells, _range(here), _range(theirs)))
+        body.append((f"{claim.name} {claim.text}", *cells, *effects(verdicts, claim)))
     notes = (
-        "✅ holds, ❌ fails, ≈ by less than 5 % (of times: 10 %), – not tested. A claim says that one number is "
+        f"✅ holds, ❌ fails, {NARROWLY}, – not tested. A claim says that one number is "
         "smaller than another; the effect is their ratio, and below 1 supports the claim.",
     )
     header = ("", *STANDS_FOR, "effect here", "in the paper")
     return Table("The paper's claims on our characters", (header,), tuple(body), notes, text_columns=len(header))
+
+
+def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
+    """Return a line for each claim: its verdict in a few words, and the effect here and in the paper.
+
+    It sums up what `claims_in_brief` has by character.
+    """
+    body = tuple(
+        (f"{claim.name} {claim.text}", outcome(stand_ins(verdicts, claim.name)), *effects(verdicts, claim))
+        for claim in CLAIMS
+    )
+    notes = (
+        f"✔ holds, ✘ fails, ◐ on some, {NARROWLY}. Effect: the ratio of the two numbers that decide, over our "
+        "characters; below 1 supports the claim.",
+    )
+    header = ("", "on our characters", "effect here", "in the paper")
+    return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2)
+
+
+def stand_ins(verdicts: Sequence[Verdict], claim: str) -> list[Verdict]:
+    """Return a claim's verdicts on the paper's stand-ins; where none of these has numbers, on all whole rigs."""
+    tested = {verdict.character for verdict in verdicts if verdict.verdict != NOT_TESTED}
+    chosen = [verdict for verdict in verdicts if verdict.claim == claim and "@" not in verdict.character]
+    if tested and not tested & set(STANDS_FOR):
+        return [verdict for verdict in chosen if verdict.character in tested]
+    by_character = {verdict.character: verdict for verdict in chosen}
+    return [by_character[character] for character in STANDS_FOR if character in by_character]
+
+
+def outcome(verdicts: Sequence[Verdict]) -> str:
+    """Return some characters' verdicts on one claim in a few words: "✔ holds", or on which of them it does."""
+    tested = [verdict for verdict in verdicts if verdict.verdict != NOT_TESTED]
+    if not tested:
+        return "– not tested"
+    by_word = {word: [each for each in tested if each.verdict == word] for word in (HOLDS, FAILS)}
+    told = min(filter(None, by_word.values()), key=len)  # the fewer ones say it in fewer words
+    word = told[0].verdict
+    symbol = PAGE_SYMBOLS[word] if len(told) == len(tested) else MIXED
+    whose = "" if len(told) == len(verdicts) else f" on {', '.join(verdict.character for verdict in told)}"
+    only = " only" if symbol == MIXED else ""
+    narrow = " ≈" if all(set("≈‡") & set(cell(verdict)) for verdict in told) else ""
+    return f"{symbol} {word}{whose}{only}{narrow}"
+
+
+def effects(verdicts: Sequence[Verdict], claim: Claim) -> tuple[str, str]:
+    """Return the ratios of the two numbers that decide a claim, as "0.40–0.90": on our characters, and in the paper."""
+    ours = stand_ins(verdicts, claim.name)
+    here = [verdict.value / verdict.limit for verdict in ours if verdict.value is not None and verdict.limit]
+    return _range(here), _range([comparison.ratio for comparison in _deciding(claim, published())])
 
 
 def _deciding(claim: Claim, paper: Evidence) -> Iterable[Comparison]:
@@ -337,10 +390,39 @@ def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
     return notes
 
 
-def claim_text(name: str) -> str:
-    """Return a claim, its place in the paper, and when it holds, in Markdown. name: "C1"."""
+def show_claim(opened: OpenClaims, name: str) -> None:
+    """Show a claim in a notebook: its verdict, its chart, and the reasons folded. name: "C1"."""
+    _show_verdict(opened.verdicts, name)
+    if chart := claim_chart(opened.ours, opened.paper, name):
+        notebooks.show(*chart)
+    _show_reasons(opened.verdicts, name)
+
+
+def show_verdict(rows: Sequence[Row], name: str) -> None:
+    """Judge one claim for each character in some rows, and show the verdict in a notebook, with the reasons folded."""
+    evidence, paper = Evidence(rows), published()
+    verdicts = [judge(claim_named(name), character, evidence, paper) for character in characters_of(rows)]
+    _show_verdict(verdicts, name)
+    _show_reasons(verdicts, name)
+
+
+def _show_verdict(verdicts: Sequence[Verdict], name: str) -> None:
     claim = claim_named(name)
-    return f"**{claim.text}** ({claim.where}). *It holds if:* {claim.rule}"
+    here, theirs = effects(verdicts, claim)
+    notebooks.show_text(
+        f"**{name}, {claim.text}** ({claim.where}): **{outcome(stand_ins(verdicts, name))}**. "
+        f"Effect here {here}{'; the paper prints no number' if theirs == '–' else f', in the paper {theirs}'}."
+    )
+
+
+def _show_reasons(verdicts: Sequence[Verdict], name: str) -> None:
+    table = reasons_table(verdicts, name)
+    lines = [f"{who}: {verdict}. {reason}" for who, verdict, _, reason in table.body]
+    theirs = [f"the paper's numbers: {paper}" for _, _, paper, _ in table.body if paper != "–"]
+    rule = f"It holds if: {claim_named(name).rule}"
+    notebooks.show_folded(
+        f"The rule of {name}, and why, character by character", [rule, *lines, *dict.fromkeys(theirs)]
+    )
 
 
 def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
@@ -360,20 +442,13 @@ def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
     return Table(f"{claim}, character by character", (header,), body, text_columns=4)
 
 
-def verdict_on_rows(rows: Sequence[Row], claim: str) -> Table:
-    """Judge one claim for each character in some rows, and return the verdicts with their reasons."""
-    evidence, paper = Evidence(rows), published()
-    verdicts = [judge(claim_named(claim), character, evidence, paper) for character in characters_of(rows)]
-    return reasons_table(verdicts, claim)
-
-
 def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> Table:
     """Return for each character whether one method's mean error is smaller than another's, by the rule of the claims.
 
-    kind: "vertex" or "normal". A character that lacks a number is not tested.
+    kind: "vertex" or "normal". A character that lacks a number is not tested; variants of a character are left out.
     """
     body = []
-    for character in evidence.characters():
+    for character in (name for name in evidence.characters() if "@" not in name):
         try:
             comparison = smaller_error(evidence, character, method, other, kind)
             body.append((character, HOLDS if comparison.satisfied else FAILS, f"{comparison}"))
@@ -396,6 +471,7 @@ SIZE_PT, TITLE_PT = 12, 11  # of letters; a panel's names are as wide as it
 MOST_DECADES = 2.5  # beyond that the numbers of all ticks have no room
 LEAST = 0.02  # a smaller ratio stands at the left end of its panel, as an arrow with its bound
 TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
+NARROW_TICKS = (0.8, 1, 1.25)  # where fewer than two of these have room
 
 Pairs = dict[str, tuple[Comparison | None, Comparison | None]]
 
@@ -409,7 +485,8 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     """
     from matplotlib.figure import Figure
 
-    panels = {character: pairs_of(evidence, paper, claim, character) for character in evidence.characters()}
+    names = [name for name in evidence.characters() if "@" not in name]  # variants are in the reasons alone
+    panels = {character: pairs_of(evidence, paper, claim, character) for character in names}
     rows = _rows({character: pairs for character, pairs in panels.items() if pairs})
     if not rows:
         return None
@@ -435,10 +512,10 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     _legend(figure, has)
     of_what = f"{quantity}s" if quantity else "the two numbers"
     figure.supxlabel(f"ratio of {of_what}; in grey, against the claim", fontsize=SIZE_PT)
-    about = "its numbers as ratios, dots ours, rings the paper's; the claim wants them left of 1"
+    about = f"ratios, dots ours{', rings the paper’s' if has[1] else ''}; the claim wants them left of 1"
     about += f"; an arrow is one below {LEAST:g}" if small else ""
     alt = f"Dots and rings of ratios for claim {claim}. Ours: {'; '.join(phrases) or 'none yet'}."
-    return figure, Words(alt, f"{claim}, {claim_named(claim).text}: {about}.")
+    return figure, Words(alt, f"{claim}: {about}.")
 
 
 def _rows(panels: dict[str, Pairs]) -> list[tuple[list[str], list[str]]]:
@@ -477,6 +554,7 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
     decades = math.log10(upper / lower)
     wide = [10.0**k for k in range(-12, 13, math.ceil(decades / 3))] if decades > MOST_DECADES else TICKS
     ticks = [tick for tick in wide if lower < tick < upper]
+    ticks = ticks if len(ticks) > 1 else [tick for tick in NARROW_TICKS if lower < tick < upper]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_ylim(len(names) - 0.5, -0.5)

@@ -1,6 +1,7 @@
 """The rig report in tables and a figure: all characters side by side, and each in full."""
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from replicate.drawing.heatmap import colour_bar, error_colours
-from replicate.drawing.panels import DPI, LETTER_PT, WIDTH, Words, tidy
+from replicate.drawing.panels import DPI, LETTER_PT, WIDTH, Words, enlarge, error_scale, tidy
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
 from replicate.geometry.mesh import Mesh
@@ -266,26 +267,28 @@ def _draw_components(axes: "matplotlib.axes.Axes", measured: Measurements) -> No
 
     left = np.maximum(1 - np.cumsum(measured.spectrum), 1e-9)
     axes.plot(np.arange(1, len(left) + 1), left, color=LINE)
-    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 20 * len(left)))
+    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 4 * len(left)))
     axes.set_ylabel("variance left", color=LINE)
+    counts = []
     for share in ("99", "99.9", "99.99"):
         count = measured.value("basis", f"components[{share} % of variance]")
         if count is not None:
             axes.plot(count, left[int(count) - 1], "o", color=LINE)
-            axes.annotate(f"{share} %: {count:.0f}", (count, left[int(count) - 1]), (-5, -4),
-                          textcoords="offset points", ha="right", va="top", fontsize=SIZE_PT, color=LINE)  # fmt: skip
+            counts.append(f"{share} %: {count:.0f}")
+    style = {"xycoords": "axes fraction", "fontsize": SIZE_PT}  # both curves fall, so these corners are empty
+    axes.annotate("\n".join(counts), (0.04, 0.04), color=LINE, **style)
     tidy(axes)
     degrees = axes.twinx()
     degrees.plot(*np.transpose(measured.curve), "-", color=SECOND)
     degrees.set_yscale("log")
     degrees.set_ylabel("mean normal error, degrees", color=SECOND)
+    counts = []
     for limit in ("0.5", "0.25"):
         count = measured.value("basis", f"components[{limit} degrees]")
-        text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (6, 4), "full"
-        if count is None:
-            text, place, shift, fill = f"{limit}°: > {len(left)}", measured.curve[-1], (-64, -2), "none"
-        degrees.plot(*place, "o", color=SECOND, fillstyle=fill)
-        degrees.annotate(text, place, shift, textcoords="offset points", fontsize=SIZE_PT, color=SECOND)
+        if count is not None:
+            degrees.plot(count, float(limit), "o", color=SECOND)
+        counts.append(f"{limit}°: > {len(left)}" if count is None else f"{limit}°: {count:.0f}")
+    degrees.annotate("\n".join(counts), (0.97, 0.96), color=SECOND, ha="right", va="top", **style)
     degrees.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     degrees.yaxis.set_major_formatter("{x:g}")
     degrees.yaxis.set_minor_formatter("")
@@ -352,6 +355,7 @@ def _draw_maps(axes: "matplotlib.axes.Axes", measured: Measurements) -> None:
         axes.annotate(
             f"{crowd:.2g}", (size, degrees), (3, 5), textcoords="offset points", fontsize=SIZE_PT, color=ACCENT
         )
+    axes.set_xlim(0.8 * sizes[0], 2.2 * sizes[-1])  # room for the last of these numbers
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     axes.set_xticks(sizes, [f"{size}²" for size in sizes])
@@ -383,6 +387,70 @@ def _words(measured: Measurements) -> Words:
         f"How hard {measured.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
         f"{features_text(measured.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
         "offsets by least squares.",
+    )
+
+
+# All rigs in a chart, for the page about them.
+
+FITS = ("linear", "squares", "products")
+RIGS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # colours of rigs, in turn
+LINE_HEIGHT = 0.5  # inches for each rig
+
+
+def share_chart(
+    rows: Sequence[Row], labels: Mapping[str, str] | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): which share of the neutral pose's normal error each fit leaves, a line for each rig.
+
+    labels: character → what the chart calls it, from above to below; by default all characters by their names.
+    """
+    from matplotlib.figure import Figure
+
+    labels = labels or {character: character for character in characters_of(rows)}
+    figure = Figure((WIDTH, 1.5 + LINE_HEIGHT * len(labels)), dpi=DPI, layout="constrained")
+    axes, phrases = figure.subplots(), []
+    for y, (character, label) in enumerate(labels.items()):
+        neutral, *errors = (_value(rows, character, name, "normal_error_mean") for name in ("neutral", *FITS))
+        shares = {name: 100 * error / neutral for name, error in zip(FITS, errors, strict=True) if error and neutral}
+        axes.plot([*shares.values()], [y] * len(shares), color="0.8", linewidth=3, zorder=1)
+        for name, share in shares.items():
+            axes.plot(share, y, "o", color=BARS[name], markersize=12, label="" if y else LABELS[name])
+        phrases.append(f"{label}: {', '.join(f'{share:.0f} %' for share in shares.values())}")
+    axes.set_yticks(range(len(labels)), labels.values())
+    axes.set_ylim(len(labels) - 0.5, -0.5)
+    axes.set_xlim(left=0)
+    axes.set_xlabel("share of the neutral pose's normal error that is left, %")
+    tidy(axes)
+    enlarge(axes)
+    figure.legend(loc="outside upper center", ncols=len(FITS), frameon=False, fontsize=SIZE_PT)
+    return figure, Words(
+        f"A dot chart of what a straight line, squares and products leave. {'; '.join(phrases)}.",
+        "Which share of the motion each fit leaves, in normals: from a straight line (light) over squares to products "
+        "of two controls (dark). A long line is a rig whose controls interact.",
+    )
+
+
+def maps_chart(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the normal error of the true offsets on maps, by the maps' size, a line for each rig."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((WIDTH, 4.6), dpi=DPI, layout="constrained")
+    axes, sizes, phrases = figure.subplots(), map_sizes(rows), []
+    for colour, character in zip(itertools.cycle(RIGS), characters_of(rows), strict=False):
+        errors = [_value(rows, character, "maps", f"normal_error_mean[{size}]") for size in sizes]
+        axes.plot(sizes, [np.nan if error is None else error for error in errors], "o-", color=colour, label=character)
+        phrases.append(f"{character}: {', '.join(round_off(error, 'deg') for error in errors)}")
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(sizes, [f"{size}²" for size in sizes])
+    axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees")
+    error_scale(axes, "y")
+    tidy(axes)
+    enlarge(axes)
+    figure.legend(loc="outside right upper", frameon=False, fontsize=SIZE_PT)
+    return figure, Words(
+        f"A line chart of normal errors in degrees by the size of maps, {', '.join(map(str, sizes))}. "
+        f"{'; '.join(phrases)}.",
+        "What maps can hold of the true offsets: the normal error that is left, both axes logarithmic.",
     )
 
 

@@ -4,13 +4,19 @@ From the paper's counts of segments and parameters follow the least and the most
 dense sizes how many vertices its dense networks must move.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from replicate.approximation.model_size import cnn_size_mb, dense_vertices
 from replicate.config import CoarseConfig, RefinementConfig
+from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, tidy
 from replicate.report.results import STANDS_FOR, Row, characters_of, find, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table1.rows import WIDTHS
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
 
 CLAIM = (2.0, 5.0)  # C6: how many times as large as the CNN the dense model is
 NOTES = (
@@ -21,8 +27,11 @@ NOTES = (
 )
 
 
-def table1(ours: Iterable[Row], paper: Sequence[Row]) -> Table:
-    """Return Table 1 with a column for each of our characters, next to it the film character that it stands for."""
+def table1(ours: Iterable[Row], paper: Sequence[Row], lines: Collection[str] = ()) -> Table:
+    """Return Table 1 with a column for each of our characters, next to it the film character that it stands for.
+
+    lines: the labels of those that are shown, such as `COUNTS`; all by default, with notes on the others.
+    """
     rows = [row for row in ours if row.table == "table1"]
     whose = []  # (heading, rows, character)
     for character in characters_of(rows):
@@ -30,13 +39,18 @@ def table1(ours: Iterable[Row], paper: Sequence[Row]) -> Table:
         if character in STANDS_FOR:
             whose.append((STANDS_FOR[character], paper, STANDS_FOR[character]))
     body: list[tuple[str, ...] | None] = []
-    for line in _LINES:
+    for line in [line for line in _LINES if not lines or (line and line[0] in lines)]:
         cells = line and [line[1](source, name, source is paper) for _, source, name in whose]
         body.append(line and (line[0], *cells))
     profiles = sorted({row.profile for row in rows})
     about = "; ".join([f"profile {', '.join(profiles)}", seeds_note(rows)])
     header = ("", *(heading for heading, _, _ in whose))
-    return Table("Table 1: the models of our characters beside the paper's", (header,), tuple(body), (*NOTES, about))
+    return Table(
+        "Table 1: the models of our characters beside the paper's",
+        (header,),
+        tuple(body),
+        (*NOTES[: 1 if lines else None], about),
+    )
 
 
 def size_ratio(rows: Iterable[Row], character: str, dense: str = "dense") -> float | None:
@@ -182,3 +196,42 @@ _LINES = (
     ("Vertices that deform", _number("model", "deformable_vertices")),
     *((f"– implied by dense {'/'.join(map(str, WIDTHS[name]))}", _dense_vertices(name)) for name in WIDTHS),
 )
+
+COUNTS = (  # the lines that most readers want
+    *("Vertices", "Rig parameters", "Coarse segments", "Refinement segments", "Rigid segments"),
+    *("CNN, MB", f"Dense {'/'.join(map(str, WIDTHS['dense']))}, MB", "Dense over CNN"),
+)
+
+# C6 as a chart: how many times as large as the CNN the dense model is.
+
+OURS, THEIRS = "#1F6FB4", "#333333"
+
+
+def ratio_chart(ours: Sequence[Row], paper: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the dense model's size over the CNN's, ours as dots and the paper's as rings."""
+    from matplotlib.figure import Figure
+
+    characters = characters_of(ours)
+    figure = Figure((WIDTH, 1.3 + 0.45 * len(characters)), dpi=DPI, layout="constrained")
+    axes, labels, phrases = figure.subplots(), [], []
+    axes.axvspan(*CLAIM, color="0.92", zorder=0)
+    for y, character in enumerate(characters):
+        film = STANDS_FOR.get(character)
+        theirs = size_ratio(paper, film) if film else None
+        ratio = size_ratio(ours, character)
+        if theirs:
+            axes.plot(theirs, y, "o", markerfacecolor="none", markeredgecolor=THEIRS, markersize=14)
+        if ratio:
+            axes.plot(ratio, y, "o", color=OURS, markersize=10)
+        labels.append(f"{character} ({film})" if film else character)
+        phrases.append(f"{labels[-1]}: {round_off(ratio, 'ratio')} and {round_off(theirs, 'ratio')}")
+    axes.set_yticks(range(len(labels)), labels)
+    axes.set_ylim(len(labels) - 0.5, -0.5)
+    axes.set_xlim(left=0)
+    axes.set_xlabel("how many times as large as the CNN the dense model is")
+    tidy(axes)
+    enlarge(axes)
+    return figure, Words(
+        f"A dot chart of the dense model's size over the CNN's, ours and the paper's. {'; '.join(phrases)}.",
+        f"Dots are ours, rings the paper's. The grey band is the claim, {CLAIM[0]:g} to {CLAIM[1]:g} times.",
+    )

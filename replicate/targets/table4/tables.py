@@ -1,6 +1,6 @@
 """Print Table 4: ours beside the paper's, and for each character what its IK networks are trained through."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from replicate.inverse.ik_stage import RIG
 from replicate.methods.method_registry import in_order, method_named
@@ -9,7 +9,8 @@ from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table2.rows import method_notes
 from replicate.targets.table4.rows import LIMITED
 
-ENDINGS = (("", ""), (LIMITED, ", within limits"))
+AS_GIVEN = {"": ""}
+ENDINGS = AS_GIVEN | {LIMITED: ", within limits"}
 WITHIN = (
     "Within limits: at the same parameters, each brought within the limits of its control. The rig's controls saturate "
     "at their limits; an approximation that has not seen parameters beyond them does not."
@@ -35,12 +36,15 @@ def tables4(ours: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
     return tables
 
 
-def posing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
-    """Return the paper's Table 4: mean errors in poses of inverse kinematics, of every character beside the paper's."""
+def posing_table(rows: Sequence[Row], paper: Sequence[Row], endings: Mapping[str, str] = ENDINGS) -> Table:
+    """Return the paper's Table 4: mean errors in poses of inverse kinematics, of every character beside the paper's.
+
+    endings: which errors it has; by default those within the controls' limits too.
+    """
     characters = characters_of(rows)
     present = in_order({row.method for row in rows if row.metric in ("vertex_error_mean", "normal_error_mean")})
     body: list[tuple[str, ...] | None] = []
-    for ending, addition in ENDINGS:
+    for ending, addition in endings.items():
         for kind, unit, words in KINDS:
             body += [None] if body else []
             body.append((words + addition, *[""] * (2 * len(characters))))
@@ -53,7 +57,7 @@ def posing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
                     cells.append(paper_value(find(paper, "table4", theirs, method, f"{kind}_error_mean{ending}")))
                 body.append(tuple(cells))
     header = ("", *(name for character in characters for name in (character, STANDS_FOR.get(character, ""))))
-    notes = (_about(rows), WITHIN, *method_notes(present))
+    notes = (_about(rows), *((WITHIN,) if LIMITED in endings else ()), *method_notes(present))
     return Table("Table 4: errors in poses that inverse kinematics finds", (header,), tuple(body), notes)
 
 
@@ -62,7 +66,7 @@ def feeding_table(rows: Sequence[Row], character: str) -> Table:
     sources = _sources(rows)
     methods = in_order({row.method for row in rows if row.metric.startswith("normal_error_mean[")})
     body: list[tuple[str, ...] | None] = []
-    for ending, addition in ENDINGS:
+    for ending, addition in ENDINGS.items():
         for kind, unit, words in KINDS:
             body += [None] if body else []
             body.append((words + addition, *[""] * len(sources)))
