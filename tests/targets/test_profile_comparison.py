@@ -64,6 +64,6 @@ def test_two_layouts_of_charts_stand_side_by_side_and_rungs_of_the_ladder_do_not
     own = rows("laptop", 1.0, "teen", "woman")
     (table,) = layout_tables([*own, *rows("laptop", 3.0, "teen@one_face", "teen@4", "toon@one_face")])
     assert table.title == "Two layouts of charts: teen"
-    assert table.headers[1][1:3] == ("its own charts", "one_face")
+    assert table.headers[1][1:3] == ("its own charts", "one face")
     assert table.body[0] == ("Coarse", "4.00", "12.00", "40.00", "120.00", "400", "1,200")
     assert layout_tables(own) == []
