@@ -44,6 +44,10 @@ def main() -> int:
         print(f"{site}: the site lacks something; the warnings above say what", file=sys.stderr)
         return 1
     shutil.copyfile(site / "README.html", site / "index.html")
+    for file in (ROOT / "results").glob("reference/**/manifest.json"):  # pages link to them in HTML of their own
+        copy = site / file.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
     print(f"The site is there, after {time.monotonic() - began:.0f} s. Open {site / 'index.html'} in a browser.")
     return 0
 
