@@ -27,12 +27,12 @@ from replicate.engine.device import choose_device
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
 from replicate.inverse import ik_stage
-from replicate.methods import artefacts, coarse, regional
+from replicate.methods import coarse, regional
 from replicate.methods.method import Method
 from replicate.methods.trained import plan_for
 from replicate.poser.contents import PosedFace
 from replicate.poser.face_page import posed_vertices
-from replicate.poser.notebook import read_face
+from replicate.poser.notebook import THROUGH, read_face, stages_of_face
 
 CHARACTER, PROFILE, METHODS = "teen", "laptop", (coarse.METHOD, regional.METHOD)
 RATE, WIDTH, TALL = 12, 900, 1.2  # frames a second, pixels, a picture's height over its width
@@ -109,14 +109,12 @@ def frame(
 def faces_of(character: str) -> dict[Method, PosedFace]:
     """Return the CNN and our method on a character, posed by the IK networks that are trained through our method."""
     config = resolve(character, PROFILE, device=choose_device("auto"))
-    through = regional.METHOD
-    networks = [*(method.name for method in METHODS), ik_stage.stage_name(through.name)]
+    networks = [*(method.name for method in METHODS), ik_stage.stage_name(THROUGH.name)]
     plan = plan_for(config, METHODS, [*networks, "rigid", "influence"])
-    shared = [artefacts.rig_stage(plan), artefacts.rigid_stage(plan), artefacts.influence_stage(plan)]
-    stages = [*shared, *(stage for method in METHODS for stage in method.stages(plan)), ik_stage.stage(plan, through)]
+    stages = stages_of_face(plan, METHODS)
     folders = run(stages, facts=provenance(["python", *sys.orig_argv[1:]], PROFILE, [0], core_count()))
     inputs = {stage.name: folders[stage.title] for stage in stages}
-    return {method: read_face(inputs, method.model(inputs), through.name) for method in METHODS}
+    return {method: read_face(inputs, method.model(inputs), THROUGH.name) for method in METHODS}
 
 
 def main() -> None:

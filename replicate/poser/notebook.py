@@ -5,7 +5,7 @@ the rig at them and answers with a colour for each vertex. While an answer is on
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ from replicate.engine.store import load
 from replicate.inverse import ik_stage
 from replicate.inverse.control_points import control_points, targets_of_drags
 from replicate.methods import artefacts, regional
+from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.methods.trained import TrainedPlan, plan_for
 from replicate.methods.trained import entries as trained_entries
@@ -192,7 +193,7 @@ def _finite(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
 
 NETWORKS = f"{ik_stage.PREFIX}_"
 SHOWN = "figure11"  # whose networks pose a face; its IK networks are trained through the first method that it shows
-REFERENCE = "reference"
+REFERENCE, THROUGH = "reference", regional.METHOD
 
 
 def open_poser(results: str, character: str) -> "Poser":
@@ -226,7 +227,7 @@ def open_face(results: str, character: str) -> PosedFace:
             raise
         if isinstance(plan, TrainedPlan):
             print(plan.in_words())
-        stages = _stages_of_face(plan)
+        stages = stages_of_face(plan)
         folders = run(stages, facts=provenance(["python", *sys.orig_argv[1:]], results, [0], core_count()))
         inputs = {stage.name: folders[stage.title] for stage in stages}
     (networks,) = (name for name in inputs if name.startswith(NETWORKS))
@@ -244,15 +245,18 @@ def _plan_of_face(results: str, character: str) -> Plan | None:
     config = resolve(character, facts["profile"], seed=facts["seed"], device=choose_device("auto"))
     networks = (regional.METHOD.name, ik_stage.stage_name(regional.METHOD.name))
     plan = plan_for(config, [regional.METHOD], [*networks, "rigid", "influence"])
-    if isinstance(plan, TrainedPlan) or all(load(stage.identifier) for stage in _stages_of_face(plan)):
+    if isinstance(plan, TrainedPlan) or all(load(stage.identifier) for stage in stages_of_face(plan)):
         return plan
     return None
 
 
-def _stages_of_face(plan: Plan) -> list[Stage]:
-    """Return the stages whose artefacts `read_face` reads."""
+def stages_of_face(plan: Plan, methods: Sequence[Method] = (regional.METHOD,)) -> list[Stage]:
+    """Return the stages whose artefacts `read_face` reads; its IK networks are trained through our method.
+
+    methods: whose models are read.
+    """
     shared = [artefacts.rig_stage(plan), artefacts.rigid_stage(plan), artefacts.influence_stage(plan)]
-    return [*shared, *regional.METHOD.stages(plan), ik_stage.stage(plan, regional.METHOD)]
+    return [*shared, *(stage for method in methods for stage in method.stages(plan)), ik_stage.stage(plan, THROUGH)]
 
 
 def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_through: str) -> PosedFace:
