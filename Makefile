@@ -14,6 +14,8 @@ LATEX      ?=
 ADD_SEEDS  ?=
 DETAILS    ?=
 ALL        :=
+LESSONS    ?=
+RELEASE    ?=
 ICT_FACEKIT ?=
 export ICT_FACEKIT
 POSE       ?=
@@ -30,7 +32,7 @@ PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 
 # An active environment is used as it is if it has all packages, and .venv otherwise.
 MODULES := anywidget basedpyright beartype dask_jobqueue distributed filelock furo ipykernel jax jaxtyping jupyter \
-	matplotlib myst_nb nbclient nbformat numba numpy onnx onnxruntime pandas PIL psutil pytest xdist pyvista ruff safetensors \
+	jupytext matplotlib myst_nb nbclient nbformat nbgrader numba numpy onnx onnxruntime pandas PIL psutil pytest xdist pyvista ruff safetensors \
 	sklearn scipy sphinx threadpoolctl torch tqdm trimesh websocket xatlas
 COMPLETE := import sys, importlib.util as u; \
 	print(*["yes"] * (sys.version_info >= (3, 11) and all(u.find_spec(m) for m in sys.argv[1:])))
@@ -60,7 +62,7 @@ option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHE
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
 
 # A variable that nothing here reads is a typing error: CHARACTER=woman would otherwise show the default without a word.
-KNOWN := $(VARIABLES) ICT_FACEKIT PYTHON REPLICATE_CACHE REPLICATE_RESULTS REPLICATE_PLAIN_KERNELS \
+KNOWN := $(VARIABLES) LESSONS RELEASE ICT_FACEKIT PYTHON REPLICATE_CACHE REPLICATE_RESULTS REPLICATE_PLAIN_KERNELS \
   REPLICATE_BLENDER_PYTHON NUMBA_CACHE_DIR JAX_COMPILATION_CACHE_DIR
 GIVEN := $(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(name)))
 UNKNOWN := $(firstword $(filter-out $(KNOWN) MAKE%,$(GIVEN)))
@@ -71,7 +73,7 @@ endif
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment lab book test test-fast lint mutants clean-all $(TARGETS) $(BENCHMARKS)
+.PHONY: help environment lab book course test test-fast lint mutants clean-all $(TARGETS) $(BENCHMARKS)
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -99,6 +101,7 @@ help: ## print this help
 	@echo "  LATEX=1         \`make compare\` and \`make claims\` in LaTeX"
 	@echo "  DETAILS=1       \`make status\` with a line for every artefact, its hash and its state"
 	@echo "  ALL=1           \`make compare\` with the rows that your results lack; \`make clean\` of everything"
+	@echo "  LESSONS=  RELEASE=   for course: only some lessons, \"3 4\"; a new folder for nbgrader"
 	@echo "  ICT_FACEKIT=    the folder of ICT-FaceKit, for CHARACTERS=ict: a face that nobody here made"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
 
@@ -119,6 +122,9 @@ lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
 
 book: $(ENVIRONMENT) ## build a site of the notebooks, the pages and the modules, to read without a network
 	@exec $(RUN) book/build.py
+
+course: $(ENVIRONMENT) ## make the notebooks of the course from their sources, and run them
+	@exec $(RUN) course/build.py $(call option,LESSONS) $(call option,RELEASE)
 
 # Many containers say PYTHONDONTWRITEBYTECODE. Each process that tests start would then parse all sources anew.
 test: $(ENVIRONMENT) ## run all tests
@@ -152,4 +158,4 @@ Makefile: ;
 
 # Any other word: which target was meant.
 %:
-	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment lab book test test-fast lint mutants clean-all
+	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment lab book course test test-fast lint mutants clean-all

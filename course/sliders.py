@@ -18,8 +18,9 @@ def move(
 ) -> None:
     """Show a figure at a few settings, and with sliders for all others.
 
-    draw: called with a number for each slider, by its name; returns a figure. sliders: name → (lowest, highest, where it
-    starts). stills: the settings on the page, at most four. The sliders are not stored with a notebook.
+    draw: called with a number for each slider, by its name; returns a figure
+    sliders: name → (lowest, highest, where it starts); they are not stored with a notebook
+    stills: the settings on the page, at most four
     """
     import ipywidgets
     from IPython.display import display

@@ -44,7 +44,7 @@ def direct():
     """Return what the suite itself asks for: to run, for its site, to be developed, and for CLUSTER."""
     lists = [
         project()["dependencies"],
-        *(project()["optional-dependencies"][extra] for extra in ("book", "cluster", "dev")),
+        *(project()["optional-dependencies"][extra] for extra in ("book", "cluster", "course", "dev")),
     ]
     assert all(names == sorted(names) for names in lists)
     return sorted(name.partition(";")[0] for names in lists for name in names)

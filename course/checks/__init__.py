@@ -2,7 +2,7 @@
 
 
 class Wrong(AssertionError):
-    """An answer that is not right yet. A notebook shows its sentence alone, without the lines of code that led there."""
+    """An answer that is not right yet. A notebook shows its sentence alone, without the code that led there."""
 
     def _render_traceback_(self) -> list[str]:  # what IPython shows in place of a traceback
         return [f"Not yet: {self}"]

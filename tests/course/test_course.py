@@ -1,0 +1,116 @@
+"""The course: notebooks equal their sources, solutions run, students' versions stop at the first exercise."""
+
+import json
+import os
+
+import nbformat
+import pytest
+from lesson_source import builder
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError
+
+from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
+
+build = builder()
+LESSONS = [source.stem for source in build.SOURCES]
+LARGEST = 500_000  # bytes of a notebook
+
+
+def bare(notebook):
+    """Return the cells of a notebook without what executing it adds."""
+    return [
+        (cell.cell_type, cell.source, json.dumps(cell.metadata, sort_keys=True), cell.id) for cell in notebook.cells
+    ]
+
+
+def committed(folder, lesson):
+    return nbformat.read(folder / f"{lesson}.ipynb", as_version=4)
+
+
+def source_of(lesson):
+    return build.COURSE / "lessons" / f"{lesson}.py"
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_both_notebooks_are_what_the_source_makes(lesson):
+    made = build.read_lesson(source_of(lesson))
+    assert bare(committed(build.SOLUTIONS, lesson)) == bare(made)
+    assert bare(committed(build.STUDENT, lesson)) == bare(build.without_solutions(made))
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_a_student_gets_expected_pictures_and_no_solution(lesson):
+    solved, student = committed(build.SOLUTIONS, lesson), committed(build.STUDENT, lesson)
+    for ours, theirs in zip(solved.cells, student.cells, strict=True):
+        if ours.cell_type == "code":
+            given = build.kind(ours) == "given"
+            assert theirs.outputs == (ours.outputs if given else [])
+            assert ours.execution_count is not None
+        if build.kind(ours) == "exercise":
+            assert "BEGIN SOLUTION" in ours.source and "raise NotImplementedError" in theirs.source
+            assert "SOLUTION" not in theirs.source
+    for folder in (build.SOLUTIONS, build.STUDENT):
+        assert (folder / f"{lesson}.ipynb").stat().st_size < LARGEST
+    assert any("image/png" in out.data or "image/jpeg" in out.data for out in results(student))
+
+
+def results(notebook):
+    return [out for cell in notebook.cells if cell.cell_type == "code" for out in cell.outputs if "data" in out]
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_a_lesson_has_goals_minutes_exercises_a_question_and_papers(lesson):
+    cells = build.read_lesson(source_of(lesson)).cells
+    text = "\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
+    kinds = [build.kind(cell) for cell in cells]
+    assert cells[0].source.startswith(f"# Lesson {lesson[6]}: ") and " minutes" in cells[0].source
+    assert 2 <= kinds.count("exercise") <= 4 and kinds.count("check") == kinds.count("exercise")
+    for words in ("You need", "Afterwards you can", "**Think.**", "<summary>Answer</summary>", "## Go further"):
+        assert words in text, words
+    names = [cell.metadata.nbgrader.grade_id for cell in cells if "nbgrader" in cell.metadata]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_a_student_stops_at_the_first_exercise_and_a_solution_runs_to_the_end(lesson):
+    """Both in one kernel: it has all of the lesson's solution once it has gone back to the first exercise."""
+    solution = build.read_lesson(source_of(lesson))
+    student = build.without_solutions(solution)
+    first = next(k for k, cell in enumerate(student.cells) if build.kind(cell) == "check")
+    exercise = max(k for k in range(first) if build.kind(student.cells[k]) == "exercise")
+    client = NotebookClient(student, timeout=300, resources={"metadata": {"path": str(ROOT / "notebooks")}})
+    places = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    with client.setup_kernel(env=os.environ | {"PYTHONPATH": places}):
+        for k, cell in enumerate(student.cells[:first]):
+            client.execute_cell(cell, k)
+        with pytest.raises(CellExecutionError) as stop:
+            client.execute_cell(student.cells[first], first)
+        assert stop.value.ename == "NotImplementedError"
+        for k, cell in enumerate(solution.cells[exercise:], exercise):
+            client.execute_cell(cell, k)
+
+
+def test_a_release_has_what_nbgrader_asks_for(tmp_path):
+    assert build.main(["--release", str(tmp_path / "out")]) == 0
+    for source in build.SOURCES:
+        lesson = source.stem.partition("_")[0]
+        files = [tmp_path / "out" / part / lesson / f"{source.stem}.ipynb" for part in ("source", "release")]
+        ours, theirs = (nbformat.read(file, as_version=4) for file in files)
+        assert bare(ours) == bare(build.read_lesson(source))
+        marked = [cell for cell in theirs.cells if "nbgrader" in cell.metadata]
+        assert marked and all(cell.metadata.nbgrader.checksum for cell in marked)
+        assert not any("BEGIN SOLUTION" in cell.source for cell in theirs.cells)
+    assert "faces_that_move" in (tmp_path / "out" / "nbgrader_config.py").read_text()
+
+
+def test_a_release_overwrites_nothing(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="expected an empty or a new folder"):
+        build.release(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_an_unknown_lesson_is_told(capsys):
+    assert build.main(["--lessons", "9"]) == 2
+    assert "got '9'" in capsys.readouterr().err
