@@ -27,12 +27,19 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
 
 import psutil
 import pytest
+from beartype.claw import beartype_packages
 from jaxtyping import install_import_hook
+from typechecker import CONF
 
 import replicate.config  # loaded before the hook: it checks its values itself, with sentences that are tested
 import replicate.engine.cluster.config  # noqa: F401, likewise
+from replicate.base.paths import ROOT
 
-_hook = install_import_hook(["replicate", "data_recipes"], "typechecker.check")
+# Shapes cost ten times as much to check as types alone: they are where a module says something of shapes.
+SOURCES = [path for name in ("replicate", "data_recipes") for path in sorted((ROOT / name).rglob("*.py"))]
+SHAPED = [path.relative_to(ROOT) for path in SOURCES if "jaxtyping" in path.read_text(encoding="utf-8")]
+beartype_packages(("replicate", "data_recipes"), conf=CONF)
+_hook = install_import_hook([".".join(path.with_suffix("").parts) for path in SHAPED], "typechecker.check")
 
 LONG = (
     "test_pipeline.py",

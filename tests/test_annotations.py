@@ -2,9 +2,12 @@
 
 import ast
 
+import numpy as np
 import pytest
 
 from replicate.base.paths import ROOT
+from replicate.geometry.mesh import face_normals
+from replicate.report.tables import as_text
 
 PUBLIC = ("__init__", "__call__")
 SOURCES = sorted(path for package in ("replicate", "data_recipes") for path in (ROOT / package).rglob("*.py"))
@@ -50,3 +53,10 @@ class Box:
     def load(path) -> "Box": ...
 """
     assert missing_annotations(code) == ["open_: a", "open_: rest", "open_: return", "__init__: size", "load: path"]
+
+
+def test_wrong_types_and_shapes_end_a_test():
+    with pytest.raises(Exception, match="violates type hint"):
+        as_text("a table")
+    with pytest.raises(Exception, match="Type-check error"):
+        face_normals(np.zeros((3, 2), np.float32), np.zeros((1, 3), np.int32))

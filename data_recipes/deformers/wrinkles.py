@@ -256,14 +256,17 @@ def region_states(
     if len(constants["threshold"]) == 0:
         return {}
     vertices, threshold, place = (np.asarray(constants[name]) for name in ("vertices", "threshold", "place"))
-    shorter = compression(constants, rows_at(x, constants["used"]))
+    shorter = _compression(constants, rows_at(x, constants["used"]))
     beyond = excess(shorter, threshold)
     amplitude = amplitudes(constants, beyond, u)
     states, first = {}, 0
     for name in sorted(constants["diffuse"]):
         rows = slice(first, first := first + len(constants["diffuse"][name]))
         alone = jnp.zeros_like(amplitude).at[rows].set(amplitude[rows])
-        height = np.asarray(heights(constants, alone))[place[vertices[rows]], 0]
+        height = np.asarray(_heights(constants, alone))[place[vertices[rows]], 0]
         parts = (np.asarray(values)[rows, 0] for values in (shorter, beyond))
         states[name] = RegionState(vertices[rows], threshold[rows], *parts, height)
     return states
+
+
+_compression, _heights = jax.jit(compression), jax.jit(heights)  # compiled once, and not for every pose
