@@ -35,9 +35,10 @@ import replicate.config  # loaded before the hook: it checks its values itself, 
 import replicate.engine.cluster.config  # noqa: F401, likewise
 from replicate.base.paths import ROOT
 
-# Shapes cost ten times as much to check as types alone: they are where a module says something of shapes.
+# Shapes cost ten times as much to check as types alone: they are where a module speaks of shapes, or where numba, which
+# takes functions that are wrapped so, compiles it.
 SOURCES = [path for name in ("replicate", "data_recipes") for path in sorted((ROOT / name).rglob("*.py"))]
-SHAPED = [path.relative_to(ROOT) for path in SOURCES if "jaxtyping" in path.read_text(encoding="utf-8")]
+SHAPED = [path.relative_to(ROOT) for path in SOURCES if {"jaxtyping", "numba"} & set(path.read_text("utf-8").split())]
 beartype_packages(("replicate", "data_recipes"), conf=CONF)
 _hook = install_import_hook([".".join(path.with_suffix("").parts) for path in SHAPED], "typechecker.check")
 

@@ -17,7 +17,7 @@ from replicate.methods.method_registry import choose
 from replicate.report.results import STANDS_FOR, cast
 
 ALL = list(targets().values())
-OF_MAKE = ("help", "environment", "lab", "book", "test", "test-fast", "lint", "mutants", "clean-all")
+OF_MAKE = ("help", "environment", "lab", "book", "course", "test", "test-fast", "lint", "mutants", "clean-all")
 DRAW_ALL = ("table1", "figure05", "figure07", "figure08", "rig-report", "rigs")
 
 
