@@ -14,11 +14,10 @@ from docutils.utils.math import latex2mathml
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-# The navigation: captions, and under each its pages. Pages that aren't there are left out, and captions without pages,
-# so that a course needs no more than a folder `course/` with a README.md, under which its other pages then stand.
+# The navigation: captions, and under each its pages.
 NAVIGATION = {
     "": ("RESULTS", "REPRODUCING", "DEVIATIONS", "CONTRIBUTING", "CHANGELOG"),
-    "A course": ("course/README",),
+    "A course": ("course/README", "course/LECTURERS"),
     "Notebooks": ("notebooks/README",),  # whose own list is the order of reading
     "Rigs and files": ("data_recipes/README", "results/README"),
     "Programming interface": ("api/replicate", "api/data_recipes", "api/examples"),
@@ -30,7 +29,8 @@ author = "The authors of this replication"
 language = "en"
 extensions = ["myst_nb", "sphinx.ext.autodoc"]
 root_doc = "README"
-include_patterns = ["*.md", "api/*.rst", "course/*", "data_recipes/README.md", "notebooks/*", "results/README.md"]
+COURSE = ["course/**/*.md", "course/**/*.ipynb"]
+include_patterns = ["*.md", "api/*.rst", *COURSE, "data_recipes/README.md", "notebooks/*", "results/README.md"]
 
 nb_execution_mode = "off"
 nb_render_markdown_format = "myst"
@@ -67,13 +67,15 @@ def complete(app, page, source):
         names = dict.fromkeys(re.findall(r"\]\((\w+)\.ipynb\)", source[0]))
         source[0] += _contents(app, [f"notebooks/{name}" for name in names])
     elif page == "course/README":
-        source[0] += _contents(app, [name for name in sorted(app.env.found_docs) if name.startswith("course/")])
+        source[0] += _contents(app, [*_pages(app, "course/student/"), *_pages(app, "course/project/")])
+    elif page == "course/LECTURERS":
+        source[0] += _contents(app, [*_pages(app, "course/notes/"), *_pages(app, "course/solutions/")])
     if (Path(app.srcdir) / f"{page}.ipynb").is_file():
         notebook = json.loads(source[0])
         for cell in notebook["cells"]:
-            if cell["cell_type"] == "code":
+            if cell["cell_type"] == "code" and page.startswith("notebooks/"):  # of a lesson the code is the point
                 cell["metadata"].setdefault("tags", []).append("hide-input")
-            else:
+            elif cell["cell_type"] == "markdown":
                 cell["source"] = _linked(app, page, re.sub(r"\]\(#(.*?)\)", _anchor, "".join(cell["source"])))
         source[0] = json.dumps(notebook)
     else:
@@ -97,6 +99,11 @@ def _linked(app, page, text):
         return words if (Path(app.srcdir) / path).is_dir() else match[0]
 
     return re.sub(r"(\[[^]]*\])\(([^():#\s]+)\)", link, text)
+
+
+def _pages(app, folder):
+    """Return the names of a folder's pages, in order."""
+    return [name for name in sorted(app.env.found_docs) if name.startswith(folder)]
 
 
 def _contents(app, names, caption=""):
