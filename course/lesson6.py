@@ -1,7 +1,7 @@
 """What lesson 6 is set up with and drawn by: poses of the tiny head, a training loop, and its pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
@@ -187,17 +187,6 @@ def curves(line: tuple[float, float], logs: Mapping[str, Sequence[tuple]]) -> "t
 
 
 LIMIT_DEG, TALL = 20.0, 1.2
-
-
-def opening() -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): one test pose of the teen by the rig, a line, dense networks and our method."""
-    from replicate.base.paths import REFERENCE
-    from replicate.report.pose_record import TRUTH, load_pose, pose_file
-    from replicate.targets.figure10 import figure10
-
-    record = load_pose(pose_file(REFERENCE, "teen"))
-    shown = (TRUTH, "linear", "dense", "regional")
-    return figure10(replace(record, vertices={name: record.vertices[name] for name in shown}), across=270)
 
 
 def heads(face: Face, predictions: Mapping[str, np.ndarray]) -> "tuple[matplotlib.figure.Figure, Words]":

@@ -5,14 +5,14 @@
 # to start from, and measure what that is worth; explain why a layer that multiplies suits a face rig.
 #
 # **What should a network learn of a face, and what is better handed to it?** Below is a test pose of the teen, by
-# the rig and by three approximations: the dense networks that the paper compares with, small networks with all
-# that this lesson is about, and a straight line, which took seconds to fit.
+# the rig and by five approximations. *Refined* is the paper's CNN, *dense* what it is compared with, *linear* a
+# straight line that took seconds to fit, and *regional* are small networks with all that this lesson is about.
 
 # %%
-from course import lesson6
-from replicate.report.notebooks import show
+from replicate.base.paths import REFERENCE
+from replicate.report.notebooks import show, show_picture
 
-show(*lesson6.opening())
+show_picture(REFERENCE / "figure10_teen.png")
 
 # %% [markdown]
 # **Look.** Where on the face is the line wrong? Where are the dense networks wrong? Are those the same places?
@@ -28,7 +28,8 @@ show(*lesson6.opening())
 
 # %%
 import torch
-from torch import nn
+
+from course import lesson6
 
 face = lesson6.tiny_face()
 WEIGHTS, line = lesson6.ridge_line(face, face.test_params)  # W (m + 1, 3n); its offsets (b, n, 3) at the test poses
@@ -52,6 +53,10 @@ for name, offsets in (("the face at rest", 0 * line), ("the straight line", line
 #
 # **Exercise 1: the loss** (12 minutes). All in torch, so that gradients flow. A face without area has no
 # direction; give it the normal 0, since one NaN in a gradient is enough to ruin all weights.
+
+
+# %%
+from torch import nn
 
 
 # %% exercise="loss"
