@@ -8,7 +8,6 @@ stay there, as what is to be expected.
 
 import argparse
 import copy
-import shutil
 import sys
 import tempfile
 import time
@@ -30,9 +29,12 @@ SOURCES = sorted((COURSE / "lessons").glob("lesson*.py"))
 SOLUTIONS, STUDENT = COURSE / "solutions", COURSE / "student"
 STUB = "# your code here\nraise NotImplementedError"
 NBGRADER = {"grade": False, "locked": False, "schema_version": 3, "solution": False, "task": False}
-CONFIG = f"""c = get_config()
+CONFIG = f"""import os
+
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, ({{suite!r}}, os.environ.get("PYTHONPATH"))))  # has the checks
+c = get_config()
 c.CourseDirectory.course_id = "faces_that_move"
-c.CourseDirectory.root = {{root}}
+c.CourseDirectory.root = {{root!r}}
 c.ClearSolutions.code_stub = {{{{"python": {STUB!r}}}}}
 c.ExecutePreprocessor.timeout = 300
 """
@@ -109,8 +111,9 @@ def release(folder: Path) -> None:
         for step in (LockCells(), ComputeChecksums()):
             student, _ = step.preprocess(student, {})
         write(student, folder / "release" / lesson / f"{source.stem}.ipynb")
-    (folder / "nbgrader_config.py").write_text(CONFIG.format(root=repr(str(folder.resolve()))), encoding="utf-8")
-    shutil.copyfile(COURSE / "LECTURERS.md", folder / "README.md")
+    (folder / "nbgrader_config.py").write_text(
+        CONFIG.format(root=str(folder.resolve()), suite=str(ROOT)), encoding="utf-8"
+    )
 
 
 def chosen(words: list[str]) -> list[Path]:
@@ -133,7 +136,7 @@ def main(arguments: list[str] | None = None) -> int:
     def run() -> None:
         if words.release:
             release(words.release.expanduser())
-            print(f"{words.release}: a course for nbgrader; see README.md in it")
+            print(f"{words.release}: a course for nbgrader; course/LECTURERS.md says how to grade with it")
             return
         for source in chosen(words.lessons):
             print(f"{source.stem}: {make(source):.0f} s", flush=True)
