@@ -1,0 +1,275 @@
+"""What lesson 3 asks for: a skin, an alignment that never mirrors, sparse convex weights, and their alternation."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from course.checks import passed, require
+from course.lesson3 import Examples, alone, rmse, start
+from replicate.approximation.metrics import vertex_error
+from replicate.baselines.skinning import ssdr
+from replicate.baselines.skinning.weights import solve_reference
+from replicate.geometry.alignment import align as suites_align
+from replicate.geometry.alignment import nearest_rotation
+
+NEAR_MM = 1e-3  # the suite's skin and poses are in single precision
+MOST = 4  # bones a vertex
+ROUNDING = 1e-9
+CLOSE = 1.10  # of the suite's squared error, at most, over many vertices
+NEAR_FIT = 1.35  # of the RMSE of the suite's fit
+
+
+def check_skin(skin: Callable) -> None:
+    """Require a blend of rigid motions that equals the suite's."""
+    generator = np.random.default_rng(3)
+    rest, weights = generator.normal(0, 40, (50, 3)), generator.dirichlet(np.ones(4), 50)
+    rotations = nearest_rotation(generator.normal(size=(4, 3, 3)))
+    translations = generator.normal(0, 5, (4, 3))
+    arguments = rest, rotations, translations, weights
+    before = [each.copy() for each in arguments]
+    found = _array(skin(*arguments), rest.shape, "skin")
+    _kept(arguments, before)
+    index = np.tile(np.arange(4, dtype=np.int32), (50, 1))
+    suites = ssdr.Skin(rest.astype(np.float32), index, weights.astype(np.float32), 4)
+
+    def theirs(turns: np.ndarray, shifts: np.ndarray = translations) -> np.ndarray:
+        return suites.deform(turns[None], shifts[None])[0]
+
+    def is_near(other: np.ndarray) -> bool:
+        return bool(np.abs(found - other).max() < NEAR_MM)
+
+    nothing = np.zeros_like(translations)
+    require(
+        not is_near(theirs(rotations.swapaxes(1, 2))),
+        "Your rotations are transposed: here points are rows, so a bone takes v to v R + t, with v on the left.",
+    )
+    require(not is_near(theirs(rotations, nothing)), "Your skin leaves the translations out: each bone adds t, too.")
+    require(
+        not is_near(theirs(rotations, nothing) + translations.sum(0)),
+        "Your translations are added without weights: w multiplies all of v R + t.",
+    )
+    off = float(np.abs(found - theirs(rotations)).max())
+    require(off < NEAR_MM, f"Your skin is {off:.3g} mm off the suite's: move the point by each bone, then blend by w.")
+    passed(f"your skin equals the suite's within {off:.1g} mm on 50 points and 4 bones")
+
+
+def check_align(align: Callable, face: Examples) -> None:
+    """Require the best proper rotation and its translation: on points that moved, mirrored ones, and the face."""
+    generator = np.random.default_rng(3)
+    source = generator.normal([100, 0, 0], 20, (30, 3))
+    truth, shift = nearest_rotation(generator.normal(size=(3, 3))), np.array([5.0, -2.0, 30.0])
+    target = source @ truth + shift
+    before = [source.copy(), target.copy()]
+    rotation, translation = _motion(align(source, target))
+    _kept((source, target), before)
+    require(
+        np.abs(rotation - truth.T).max() > 1e-6,
+        "You return the inverse of the rotation: is your H built as source-transposed times target, and R = U D Vᵀ?",
+    )
+    off = np.linalg.norm(rotation.T @ rotation - np.eye(3))
+    require(off < 1e-6, "Your R is no rotation, R Rᵀ isn't the identity: leave the singular values out of U D Vᵀ.")
+    require(
+        np.linalg.det(rotation) > 0,
+        "Your R mirrors even points that only moved: look at the sign in D, det U · det V.",
+    )
+    found = "Your R is not the one that the points were turned by: subtract each set's mean before you build H."
+    require(np.abs(rotation - truth).max() < 1e-6, found)
+    require(
+        np.abs(translation - (target.mean(0) - source.mean(0))).max() > 1e-6,
+        "Your t is the difference of the two means, but R turns the source's mean, too: subtract mean source · R.",
+    )
+    off = float(np.abs(source @ rotation + translation - target).max())
+    require(off < 1e-6, f"Your R is right and your t is {off:.2g} mm off: where must the source's mean go?")
+    mirrored = source * [1, 1, -1]
+    rotation, translation = _motion(align(source, mirrored))
+    require(
+        np.linalg.det(rotation) > 0,
+        "On a mirrored target your R has the determinant −1, a reflection: flip the sign of the last column of U then.",
+    )
+    left, best = (
+        _left(source, mirrored, motion) for motion in ((rotation, translation), suites_align(source, mirrored))
+    )
+    require(
+        left < best * 1.001,
+        f"On a mirrored target your R is proper, but leaves {left:.1f} mm where {best:.1f} mm is possible: flip the "
+        "direction of the smallest singular value, NumPy's last.",
+    )
+    worst = 0.0
+    for part in range(len(face.names)):
+        inside = face.segment == part
+        rest, posed = face.rest[inside].astype(float), face.training[:8, inside].astype(float)
+        theirs = suites_align(rest, posed)
+        for pose, turn, shift in zip(posed, *theirs, strict=True):
+            worst = max(worst, _left(rest, pose, _motion(align(rest, pose))) - _left(rest, pose, (turn, shift)))
+    require(worst < 1e-5, f"On parts of the face yours leaves up to {worst:.2g} mm more than the suite's align.")
+    passed(f"your motions are proper, and leave what the suite's do within {max(worst, 1e-12):.0e} mm on all parts")
+
+
+def _left(source: np.ndarray, target: np.ndarray, motion: tuple[np.ndarray, np.ndarray]) -> float:
+    return float(np.sqrt(((source @ motion[0] + motion[1] - target) ** 2).sum(1).mean()))
+
+
+def _motion(found: object) -> tuple[np.ndarray, np.ndarray]:
+    require(found is not None, "align returns nothing: is there a return at its end?")
+    require(isinstance(found, tuple) and len(found) == 2, "align must return two things, R and t: `return R, t`.")
+    rotation, translation = found
+    return _array(rotation, (3, 3), "align's R"), _array(translation, (3,), "align's t")
+
+
+def check_weights(weights: Callable, face: Examples) -> None:
+    """Require weights that are convex, sparse, as good as they can be, and never worse than those before."""
+    generator = np.random.default_rng(3)
+    left, old = generator.normal(0, 3, (30, 8)) + 2, np.full(8, 1 / 8)
+    before = [left.copy(), old.copy()]
+    _is_convex(weights(left, old), left, old)
+    _kept((left, old), before)
+    # Two bones that carry a vertex to its place: their blend is exact.
+    left = generator.normal(0, 3, (30, 6))
+    left[:, 4] = -left[:, 1] * 3
+    first = np.eye(6)[0]
+    found = _is_convex(weights(left, first), left, first)
+    require(
+        np.abs(found - [0, 0.75, 0, 0, 0.25, 0]).max() < 1e-4,
+        f"Bones 1 and 4 can carry this vertex exactly, by ¾ and ¼; yours are {np.round(found, 2)}: did you divide by "
+        "the sum after nnls, and does the last row of the matrix have the 1 on its right side?",
+    )
+    # A vertex whose four bones are better than the four that are largest among all.
+    left, old = _trap()
+    found = _is_convex(weights(left, old), left, old)
+    require(
+        _energy(left, found) <= _energy(left, old) * (1 + ROUNDING),
+        "Your new weights are worse than the old ones here: cutting to four is a guess, so compare ‖S w‖ and keep the "
+        "better.",
+    )
+    # The face.
+    places = np.sort(generator.choice(len(face.rest), min(150, len(face.rest)), replace=False))
+    rest, poses = face.rest[places].astype(float), face.training[:20, places].astype(float)
+    motions, clusters = start(rest, poses, 8, suites_align)
+    matrices = alone(rest, poses, motions)
+    ours = sum(_energy(s, _is_convex(weights(s, w), s, w)) for s, w in zip(matrices, clusters, strict=True))
+    theirs = sum(
+        _energy(s, solve_reference(s.T @ s + 1e-9 * np.eye(8), w, MOST, 24))
+        for s, w in zip(matrices, clusters, strict=True)
+    )
+    require(
+        ours < CLOSE * theirs,
+        f"On {len(places)} vertices of the face your squared error is {ours / theirs:.2f} times the suite's: once four "
+        "bones are chosen, solve for their weights again.",
+    )
+    passed(
+        "your weights are convex, at most four a vertex, never worse than before; their squared error is "
+        f"{ours / theirs:.3f} of the suite's on {len(places)} vertices"
+    )
+
+
+def _trap() -> tuple[np.ndarray, np.ndarray]:
+    """Return S and old weights such that cutting the best weights to four loses against the old ones."""
+    generator = np.random.default_rng(0)
+    while True:
+        left = generator.normal(0, 1, (12, 9)) + 0.4
+        full = _cut(left, 9)
+        kept = np.argsort(full)[-MOST:]
+        guess = np.zeros(9)
+        guess[kept] = _cut(left[:, kept], MOST)
+        best = solve_reference(left.T @ left, sparse_start(left), MOST, 24)
+        if _energy(left, best) < 0.9 * _energy(left, guess):
+            return left, best
+
+
+def sparse_start(left: Float[np.ndarray, "k bones"]) -> Float[np.ndarray, " bones"]:
+    """Return all weight on the one bone that leaves least."""
+    return np.eye(left.shape[1])[np.argmin((left**2).sum(0))]
+
+
+def _cut(left: np.ndarray, most: int) -> np.ndarray:
+    return solve_reference(left.T @ left, sparse_start(left), most, 50)
+
+
+def _energy(left: np.ndarray, weights: np.ndarray) -> float:
+    return float(((left @ weights) ** 2).sum())
+
+
+def _is_convex(found: object, left: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """Return an answer as an array once it is non-negative, sums to one and has at most four weights."""
+    found = _array(found, old.shape, "weights")
+    require(
+        (found >= -ROUNDING).all(), f"One of your weights is {found.min():.2g}: none may be negative (nnls sees to it)."
+    )
+    total = float(found.sum())
+    require(
+        abs(total - 1) < 1e-6,
+        f"Your weights sum to {total:.4g}, not to 1: a bone that stays must leave the face still.",
+    )
+    count = int((found > 0).sum())
+    allowed = max(MOST, int((old > 0).sum()))
+    require(
+        count <= allowed, f"Your vertex has {count} bones, at most {MOST} may be used: keep the four largest weights."
+    )
+    return found
+
+
+def check_alternate(alternate: Callable, face: Examples) -> None:
+    """Require an alternation whose error never rises and ends near the suite's, with sparse convex weights."""
+    generator = np.random.default_rng(3)
+    places = np.sort(generator.choice(len(face.rest), min(500, len(face.rest)), replace=False))
+    rest, poses, bones, iterations = face.rest[places].astype(float), face.training[:24, places].astype(float), 8, 6
+    before = [rest.copy(), poses.copy()]
+    found = alternate(rest, poses, bones, iterations)
+    _kept((rest, poses), before)
+    require(found is not None, "alternate returns nothing: is there a return at its end?")
+    require(
+        isinstance(found, tuple) and len(found) == 3,
+        "alternate must return three things: the weights, the motions, and the list of errors.",
+    )
+    loads, motions, errors = found
+    loads, errors = _array(loads, (len(rest), bones), "the weights"), np.asarray(errors, float)
+    require(
+        errors.shape == (iterations + 1,),
+        f"Your list has {errors.size} errors, expected {iterations + 1}: after the start and each iteration.",
+    )
+    require(np.abs(loads.sum(1) - 1).max() < 1e-6, "Some of your vertices' weights don't sum to 1.")
+    most = int((loads > 0).sum(1).max())
+    require(most <= MOST, f"One of your vertices has {most} bones: pass every vertex's S through your weights.")
+    require(
+        (np.diff(errors) <= ROUNDING).all(),
+        f"Your error rises, from {errors[:-1][np.diff(errors) > ROUNDING][:1].sum():.3f} mm: pass the last weights and "
+        "motions on, and measure with the S of the new motions.",
+    )
+    last = rmse(alone(rest, poses, motions), loads, len(poses))
+    require(
+        abs(last - errors[-1]) < 1e-6,
+        f"Your weights and motions leave {last:.3f} mm, your list ends with {errors[-1]:.3f} mm: motions have changed "
+        "after you measured, so call alone again.",
+    )
+    require(errors[-1] < 0.9 * errors[0], "Your error hardly falls: do both steps run in every iteration?")
+    single = poses.astype(np.float32)
+    suites = ssdr.fit(
+        rest.astype(np.float32), single, bones, generator, influences=MOST, iterations=30, coherence=0.0, relaxed=0
+    )
+    square = vertex_error(suites.deform(*ssdr.refit(suites, single)), single).astype(float) ** 2
+    theirs = float(np.sqrt(square.mean()))
+    require(
+        errors[-1] < NEAR_FIT * theirs,
+        f"You end at {errors[-1]:.3f} mm, the suite's fit at {theirs:.3f} mm: too far; look at each step alone.",
+    )
+    passed(
+        f"your error falls in every iteration, {errors[0]:.2f} to {errors[-1]:.2f} mm with {bones} bones; the suite's "
+        f"fit ends at {theirs:.2f} mm"
+    )
+
+
+def _array(found: object, shape: tuple[int, ...], name: str) -> np.ndarray:
+    require(found is not None, f"{name} is nothing: is there a return at the function's end?")
+    array = np.asarray(found)
+    require(
+        array.shape == shape and array.dtype.kind == "f",
+        f"{name}: expected an array of the shape {shape}, got {array.shape} of {array.dtype}.",
+    )
+    require(np.isfinite(array).all(), f"{name} has a value that is no finite number: is a sum that you divide by zero?")
+    return array
+
+
+def _kept(arguments: tuple[np.ndarray, ...], before: list[np.ndarray]) -> None:
+    same = all((one == other).all() for one, other in zip(arguments, before, strict=True))
+    require(same, "Your function changes its arguments; make new arrays, for the caller needs the old ones.")

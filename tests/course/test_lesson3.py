@@ -1,0 +1,204 @@
+"""Lesson 3's checks: they accept the solutions, and say what is wrong with usual mistakes."""
+
+import numpy as np
+import pytest
+from lesson_source import answers
+from skinned_sheets import noisy_problem
+
+from course.checks import Wrong
+from course.checks.lesson3 import check_align, check_alternate, check_skin, check_weights
+from course.lesson3 import Examples, alone, bone_step, rmse, start, still
+
+SOLVED = answers("lesson3")
+skin, align, weights, alternate = (SOLVED[name] for name in ("skin", "align", "weights", "alternate"))
+
+
+@pytest.fixture(scope="module")
+def face():
+    rest, poses = noisy_problem()
+    return Examples(rest, (rest[:, 0] > 0).astype(int), ("left", "right"), poses)
+
+
+def test_solutions_pass_and_say_how_near_they_are(face, capsys):
+    check_skin(skin)
+    check_align(align, face)
+    check_weights(weights, face)
+    check_alternate(alternate, face)
+    assert capsys.readouterr().out.count("✓") == 4
+
+
+@pytest.mark.parametrize("check", [check_align, check_weights, check_alternate])
+def test_an_exercise_that_is_not_begun_says_so_itself(check, face):
+    def stub(*arguments):
+        raise NotImplementedError
+
+    with pytest.raises(NotImplementedError):
+        check(stub, face)
+
+
+def moves_in_place(rest, R, t, w):
+    rest += 1.0
+    return skin(rest, R, t, w)
+
+
+SKINS = {
+    "skin is nothing": lambda rest, R, t, w: None,
+    "expected an array of the shape": lambda rest, R, t, w: skin(rest, R, t, w).T,
+    "rotations are transposed": lambda rest, R, t, w: skin(rest, R.swapaxes(1, 2), t, w),
+    "leaves the translations out": lambda rest, R, t, w: skin(rest, R, 0 * t, w),
+    "translations are added without weights": lambda rest, R, t, w: skin(rest, R, 0 * t, w) + t.sum(0),
+    "changes its arguments": moves_in_place,
+    "move the point by each bone": lambda rest, R, t, w: skin(rest, R, t, w**2),
+}
+
+
+@pytest.mark.parametrize("sentence", SKINS)
+def test_a_wrong_skin_is_told_what_is_wrong(sentence):
+    with pytest.raises(Wrong, match=sentence):
+        check_skin(SKINS[sentence])
+
+
+def best_orthogonal(source, target):
+    a, b = source.mean(0), target.mean(0)
+    U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
+    return U @ Vt, b - a @ U @ Vt
+
+
+def flips_the_first(source, target):
+    a, b = source.mean(0), target.mean(0)
+    U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
+    R = U @ np.diag([np.linalg.det(U) * np.linalg.det(Vt), 1, 1]) @ Vt
+    return R, b - a @ R
+
+
+def without_means(source, target):
+    U, _, Vt = np.linalg.svd(source.T @ target)
+    R = U @ np.diag([1, 1, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
+    return R, target.mean(0) - source.mean(0) @ R
+
+
+ALIGNMENTS = {
+    "align returns nothing": lambda s, q: None,
+    "must return two things": lambda s, q: align(s, q)[0],
+    "inverse of the rotation": lambda s, q: (align(s, q)[0].T, align(s, q)[1]),
+    "is no rotation": lambda s, q: ((s - s.mean(0)).T @ (q - q.mean(0)), align(s, q)[1]),
+    "subtract each set's mean": without_means,
+    "difference of the two means": lambda s, q: (align(s, q)[0], q.mean(0) - s.mean(0)),
+    "determinant −1, a reflection": best_orthogonal,
+    "smallest singular value": flips_the_first,
+}
+
+
+@pytest.mark.parametrize("sentence", ALIGNMENTS)
+def test_a_wrong_alignment_is_told_what_is_wrong(sentence, face):
+    with pytest.raises(Wrong, match=sentence):
+        check_align(ALIGNMENTS[sentence], face)
+
+
+def not_normalised(S, old, most=4):
+    from scipy.optimize import nnls
+
+    return nnls(np.vstack([S, np.ones(S.shape[1])]), np.append(np.zeros(len(S)), 1.0))[0]
+
+
+def signed(S, old, most=4):
+    y = np.linalg.solve(S.T @ S + 1e-9 * np.eye(len(old)), np.ones(len(old)))
+    return y / y.sum()
+
+
+def never_looks_back(S, old, most=4):
+    return weights(S, np.eye(len(old))[np.argmax((S**2).sum(0))], most)
+
+
+def cut_and_not_solved_again(S, old, most=4):
+    w = weights(S, old, most=len(old)).copy()
+    w[np.argsort(w)[:-most]] = 0
+    w /= w.sum()
+    return w if np.linalg.norm(S @ w) < np.linalg.norm(S @ old) else old
+
+
+def by_distance(S, old, most=4):
+    w = 1 / (S**2).sum(0)
+    w[np.argsort(w)[:-most]] = 0
+    w /= w.sum()
+    return w if np.linalg.norm(S @ w) < np.linalg.norm(S @ old) else old
+
+
+WEIGHTS = {
+    "weights is nothing": lambda S, old, most=4: None,
+    "sum to .*, not to 1": not_normalised,
+    "none may be negative": signed,
+    "keep the four largest": lambda S, old, most=4: weights(S, old, most=len(old)),
+    "worse than the old ones": never_looks_back,
+    "by ¾ and ¼": by_distance,
+}
+
+
+@pytest.mark.parametrize("sentence", WEIGHTS)
+def test_wrong_weights_are_told_what_is_wrong(sentence, face):
+    with pytest.raises(Wrong, match=sentence):
+        check_weights(WEIGHTS[sentence], face)
+
+
+def test_weights_that_stay_as_they_were_are_told_so(face):
+    with pytest.raises(Wrong, match="by ¾ and ¼"):
+        check_weights(lambda S, old, most=4: old, face)
+
+
+def planted(how):
+    """Return an alternation with one mistake."""
+
+    def run(rest, poses, bones, iterations):
+        motions, w = start(rest, poses, bones, align)
+        S = alone(rest, poses, motions)
+        errors = [rmse(S, w, len(poses))]
+        for _ in range(iterations):
+            if how != "weights never change":
+                step = (lambda S, old: weights(S, old, bones)) if how == "all bones" else weights
+                w = np.stack([step(s, one) for s, one in zip(S, w, strict=True)])
+            last = still(len(poses), bones) if how == "from rest each time" else motions
+            motions = bone_step(rest, poses, w, last, sweeps=1 if how == "from rest each time" else 3)
+            if how != "old S":
+                S = alone(rest, poses, motions)
+            errors.append(rmse(S, w, len(poses)))
+        return w, motions, errors[1:] if how == "without the start" else errors
+
+    return run
+
+
+ALTERNATIONS = {
+    "all bones": "at most|has [0-9]+ bones",
+    "old S": "call alone again",
+    "from rest each time": "Your error rises",
+    "without the start": "after the start and each iteration",
+}
+
+
+@pytest.mark.parametrize("how", ALTERNATIONS)
+def test_a_wrong_alternation_is_told_what_is_wrong(how, face):
+    with pytest.raises(Wrong, match=ALTERNATIONS[how]):
+        check_alternate(planted(how), face)
+
+
+def test_an_alternation_that_returns_too_little_is_told_so(face):
+    with pytest.raises(Wrong, match="must return three things"):
+        check_alternate(lambda *arguments: alternate(*arguments)[0], face)
+
+
+def test_what_remains_alone_has_the_length_of_the_whole_column(face):
+    rest, poses = face.rest[:40].astype(float), face.training[:9, :40].astype(float)
+    motions, w = start(rest, poses, 3, align)
+    left = np.linalg.norm(np.einsum("nkb,nb->nk", alone(rest, poses, motions), w), axis=1)
+    posed = np.stack([skin(rest, R, t, w) for R, t in zip(*motions, strict=True)])
+    assert left == pytest.approx(np.sqrt(((posed - poses) ** 2).sum((0, 2))))
+
+
+def test_a_bone_step_never_raises_the_error(face):
+    rest, poses = face.rest.astype(float), face.training.astype(float)
+    motions, w = start(rest, poses, 5, align)
+    w = np.random.default_rng(0).dirichlet(np.ones(5), len(rest))
+    errors = []
+    for _ in range(4):
+        errors.append(rmse(alone(rest, poses, motions), w, len(poses)))
+        motions = bone_step(rest, poses, w, motions)
+    assert (np.diff(errors) < 0).all()
