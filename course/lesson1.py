@@ -13,6 +13,7 @@ from data_recipes.deformers import node_chain
 from data_recipes.deformers.face import jaw_motion
 from data_recipes.deformers.node_chain import FaceConstants, Node, State
 from data_recipes.face_rig import FaceRig
+from data_recipes.rig import Prop
 from replicate.drawing.characters import BACKGROUND
 from replicate.drawing.light import PORTRAIT, RAKING
 from replicate.drawing.panels import Words, error_scale, panel_grid, tidy
@@ -77,11 +78,18 @@ def portrait(
 ) -> np.ndarray:
     """Return a picture of a face with its paint, hair and eyes; width: pixels."""
     view = camera_for("three_quarter", rig.mesh.neutral)
-    columns = {control.name: k for k, control in enumerate(rig.controls)}
-    pose = np.asarray(params, np.float32)[None]
-    props = rig.face.chain.pose_props(rig.face.props, rig.face.constants, columns, pose, vertices, rig.mesh.neutral)
-    surfaces = [Surface(vertices, rig.mesh.faces, paint=rig.paint), *prop_surfaces(props, view)]
+    surfaces = [
+        Surface(vertices, rig.mesh.faces, paint=rig.paint),
+        *prop_surfaces(props_of(rig, params, vertices), view),
+    ]
     return render(surfaces, view, width, round(1.15 * width), BACKGROUND, PORTRAIT)
+
+
+def props_of(rig: FaceRig, params: Float[np.ndarray, " m"], vertices: Float[np.ndarray, "n 3"]) -> list[Prop]:
+    """Return a rig's eyes, hair and other props in a pose whose vertices are known."""
+    columns = {control.name: k for k, control in enumerate(rig.controls)}
+    pose, face = np.asarray(params, np.float32)[None], rig.face
+    return face.chain.pose_props(face.props, face.constants, columns, pose, vertices, rig.mesh.neutral)
 
 
 def chain_picture(

@@ -186,8 +186,7 @@ def curves(line: tuple[float, float], logs: Mapping[str, Sequence[tuple]]) -> "t
     )
 
 
-LIMIT_DEG = 20.0
-PANEL, TALL, SHEET = 235, 1.2, 1000  # width of a head in pixels, its height over that, and the width of all
+LIMIT_DEG, TALL = 20.0, 1.2
 
 
 def heads(face: Face, predictions: Mapping[str, np.ndarray]) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -202,7 +201,8 @@ def heads(face: Face, predictions: Mapping[str, np.ndarray]) -> "tuple[matplotli
     turned = np.nanmean(normal_error(face.neutral + face.test_offsets, face.neutral, face.faces), axis=1)
     pose = int(np.argmax(turned))
     truth = face.neutral + face.test_offsets[pose]
-    width, height = PANEL, round(TALL * PANEL)
+    width = 330
+    height = round(TALL * width)
     view = frame_surfaces(camera_for("front", face.neutral), [Surface(truth, face.faces)], 1 / TALL)
     draw = partial(render, camera=view, width=width, height=height)
     cells = [Cell("rig", (draw([Surface(truth, face.faces)]),))]
@@ -214,7 +214,7 @@ def heads(face: Face, predictions: Mapping[str, np.ndarray]) -> "tuple[matplotli
         cells.append(Cell(name, (split_face(*pictures, line),), (f"{mm:.2f} mm, {degrees:.1f}°",)))
     bar = partial(normal_bar, limit_deg=LIMIT_DEG, orientation="horizontal")
     numbers = "; ".join(f"{cell.title}: {cell.lines[0]}" for cell in cells[1:])
-    return face_sheet(cells, len(cells), bar=bar, width=SHEET), Words(
+    return face_sheet(cells, len(cells), bar=bar), Words(
         f"The tiny head by the rig and by {len(predictions)} methods, half of each face coloured by normal error. "
         f"{numbers}.",
         "The test pose whose normals turn most from rest. Left halves: surfaces; right halves: normal errors.",
