@@ -155,7 +155,9 @@ def loss_picture(
     views.append(np.asarray(canvas.buffer_rgba())[..., :3].copy())
 
     def draw_bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes") -> None:
-        colour_bar(figure, axes, limit, "lost, mm", 0.5)
+        bar = colour_bar(figure, axes, limit, "lost, mm", 0.5)
+        bar.ax.tick_params(labelsize=7, pad=1, length=2)
+        bar.ax.yaxis.label.set_size(8)
 
     share = loss_mm[vertices].sum() / loss_mm.sum()
     title = worst.replace("_", " ")
