@@ -20,14 +20,14 @@ show_picture(bones_found)
 import numpy as np
 
 # %%
+from course import lesson3
 from course.checks.lesson3 import check_align, check_alternate, check_skin, check_weights
-from course.lesson3 import alone, bone_step, draw_tube, examples, rmse, start, still
 
 # %%
 from replicate.methods.artefacts import rig_of
 
 rig = rig_of("teen")  # the first time it is built: a quarter of a minute
-face = examples(rig)
+face = lesson3.examples(rig)
 print(f"{len(face.training)} poses to fit to, of {len(face.rest):,} vertices each, in mm")
 
 # %% [markdown]
@@ -71,7 +71,7 @@ from course.sliders import move
 from replicate.drawing.panels import Words
 
 move(
-    lambda twist, bend: draw_tube(skin, twist, bend),
+    lambda twist, bend: lesson3.draw_tube(skin, twist, bend),
     {"twist": (0, 180, 90), "bend": (0, 120, 0)},
     [{"twist": 0, "bend": 0}, {"twist": 120, "bend": 0}, {"twist": 175, "bend": 0}],
     Words(
@@ -139,15 +139,13 @@ check_align(align, face)
 # over poses. Rigid parts need no network; they follow a few vertices of the skin (§3.4). Let your function decide.
 
 # %%
-from course.lesson3 import rigid_chart
-
 errors = {}
 for part, name in enumerate(face.names):
     own = face.segment == part
     rest, poses = face.rest[own].astype(float), face.training[:20, own].astype(float)
     left = [rest @ R + t - pose for pose in poses for R, t in [align(rest, pose)]]
     errors[name] = float(np.mean([np.sqrt((one**2).sum(1).mean()) for one in left]))
-show(*rigid_chart(errors, tau_mm=0.3))
+show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 
 # %% [markdown]
 # **Look.** The rig's teeth are rigid to the last digits of single precision. Which part comes next? Would you have
@@ -216,11 +214,11 @@ check_weights(weights, face)
 # Bones known: weights are easy. Weights known: bones are easy. Neither is known, so they take turns. This is **SSDR**,
 # *Smooth Skinning Decomposition with Rigid Bones* (Le and Deng, 2012). Given are, in `course/lesson3.py`:
 #
-# - `start(rest, poses, bones, align)` → motions and weights of clusters of vertices, found by *your* `align`,
-# - `alone(rest, poses, motions)` → the matrices $\mathbf S$ of all vertices, (n, k, B),
-# - `bone_step(rest, poses, w, motions)` → better motions for fixed weights: each bone in turn gets the rotation that
-#   best explains what the others leave, a weighted `align`,
-# - `rmse(S, w, len(poses))` → the root mean square error, in mm.
+# - `lesson3.start(rest, poses, bones, align)` → motions and weights of clusters of vertices, found by *your* `align`,
+# - `lesson3.alone(rest, poses, motions)` → the matrices $\mathbf S$ of all vertices, (n, k, B),
+# - `lesson3.bone_step(rest, poses, w, motions)` → better motions for fixed weights: each bone in turn gets the rotation
+#   that best explains what the others leave, a weighted `align`,
+# - `lesson3.rmse(S, w, len(poses))` → the root mean square error, in mm.
 #
 # Neither step can raise the error, if you made `weights` never worse. So the error has to fall until it rests.
 
@@ -233,14 +231,14 @@ def alternate(rest, poses, bones, iterations):
     bone step; after it, S has to be computed again, for the motions are new.
     """
     ### BEGIN SOLUTION
-    motions, w = start(rest, poses, bones, align)
-    S = alone(rest, poses, motions)
-    errors = [rmse(S, w, len(poses))]
+    motions, w = lesson3.start(rest, poses, bones, align)
+    S = lesson3.alone(rest, poses, motions)
+    errors = [lesson3.rmse(S, w, len(poses))]
     for _ in range(iterations):
         w = np.stack([weights(*of_vertex) for of_vertex in zip(S, w, strict=True)])
-        motions = bone_step(rest, poses, w, motions)
-        S = alone(rest, poses, motions)
-        errors.append(rmse(S, w, len(poses)))
+        motions = lesson3.bone_step(rest, poses, w, motions)
+        S = lesson3.alone(rest, poses, motions)
+        errors.append(lesson3.rmse(S, w, len(poses)))
     return w, motions, errors
     ### END SOLUTION
 
@@ -261,9 +259,7 @@ rest, poses = face.rest[few].astype(float), face.training[:, few].astype(float)
 found, motions, errors = alternate(rest, poses, BONES, 15)
 
 # %%
-from course.lesson3 import course_chart, suites_rmse
-
-show(*course_chart(errors, suites_rmse(face, few, BONES)))
+show(*lesson3.course_chart(errors, lesson3.suites_rmse(face, few, BONES)))
 
 # %% [markdown]
 # The motions are known now, so one more weight step gives **all** vertices their weights. It starts from the nearest
@@ -273,15 +269,14 @@ show(*course_chart(errors, suites_rmse(face, few, BONES)))
 from scipy.spatial import cKDTree
 
 nearest = cKDTree(rest).query(face.rest)[1]
-of_all = alone(face.rest, face.training, motions)
+of_all = lesson3.alone(face.rest, face.training, motions)
 w = np.stack([weights(*of_vertex) for of_vertex in zip(of_all, found[nearest], strict=True)])
 
 # %%
-from course.lesson3 import BY_BONE, painted
 from replicate.drawing.panels import panel_grid
 
-view = [painted(face.rest, rig.mesh.faces, one) for one in (found[nearest], w)]
-show(panel_grid([view], ["as the nearest fitted vertex", "by its own weight step"]), BY_BONE)
+view = [lesson3.painted(face.rest, rig.mesh.faces, one) for one in (found[nearest], w)]
+show(panel_grid([view], ["as the nearest fitted vertex", "by its own weight step"]), lesson3.BY_BONE)
 
 # %% [markdown]
 # **Look.** Name five of your bones: what of the face moves as one piece? Where are borders soft, where hard? Each
@@ -293,16 +288,14 @@ show(panel_grid([view], ["as the nearest fitted vertex", "by its own weight step
 # that *any* animator could do with them. Beside it the suite's 16 and 32 bones, up to eight a vertex.
 
 # %%
-from course.lesson3 import forehead_row, wrinkled_pose
-
-record = wrinkled_pose()
+record = lesson3.wrinkled_pose()
 truth = record.vertices["truth"]
-R, t = bone_step(face.rest, truth[None], w, still(1, BONES), sweeps=100)
+R, t = lesson3.bone_step(face.rest, truth[None], w, lesson3.still(1, BONES), sweeps=100)
 yours = skin(face.rest, R[0], t[0], w)
 
 # %%
 lbs16, lbs32 = (record.vertices[name] for name in ("lbs16", "lbs32"))
-show(*forehead_row(record, {"your 16 bones": yours, "the suite's 16": lbs16, "its 32": lbs32}))
+show(*lesson3.forehead_row(record, {"your 16 bones": yours, "the suite's 16": lbs16, "its 32": lbs32}))
 
 # %% [markdown] think="millimetres"
 # **Look** for lines where your surface tears. What do neighbours on its two sides not have in common? Print the bones
