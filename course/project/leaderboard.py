@@ -308,7 +308,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python course/project/leaderboard.py",
         description="Measure a method on poses of tiny that it has never seen, write its row, and print all rows.",
-        epilog="Its file is checked beforehand: 30 lines, no test poses, no rig. README.md beside this program says why.",
+        epilog="A file is checked beforehand: 30 lines, no test poses, no rig. README.md says why.",
     )
     parser.add_argument("method", help="a file with a METHOD, such as mine.py; or a method of the suite, such as pca")
     parser.add_argument("--name", required=True, help="whose row it is; an earlier one of the method is replaced")
