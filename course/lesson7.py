@@ -22,7 +22,7 @@ from replicate.drawing.light import PORTRAIT
 from replicate.drawing.marks import balls_in_front
 from replicate.drawing.panels import enlarge, panel_grid, tidy
 from replicate.drawing.render import render
-from replicate.drawing.scene import Surface, camera_for, frame_surfaces
+from replicate.drawing.scene import camera_for, frame_surfaces
 from replicate.inverse.at_vertices import at_vertices
 from replicate.inverse.configurations import files_of, read_drags, targets_of
 from replicate.inverse.ik_network import IkModel, load_ik
@@ -143,7 +143,8 @@ def faces(
     rig: Rig, net: Networks, poses: Mapping[str, Float[np.ndarray, " m"]], target: Float[np.ndarray, " k"]
 ) -> "matplotlib.figure.Figure":
     """Return the rig in some poses, each under its title, with red balls where the control points are wanted."""
-    view = frame_surfaces(camera_for("front", rig.mesh.neutral), [Surface(rig.mesh.neutral, rig.mesh.faces)], 0.8)
+    view = camera_for("front", rig.mesh.neutral)
+    view = frame_surfaces(view, character_surfaces(rig, rig.default, view), 0.8)
     wanted = np.column_stack([target.reshape(-1, PLANE), net.rest[:, PLANE]])
     pictures = []
     for controls in poses.values():

@@ -130,7 +130,7 @@ def damped_step(J, residual, damping):
 check_step(damped_step)
 
 # %% [markdown]
-# Your step, seven rounds of it, with four dampings. On the left, what $\mu$ makes of each direction of $J$: how far
+# Your step, six rounds of it, with four dampings. On the left, what $\mu$ makes of each direction of $J$: how far
 # controls go for 1 mm. On the right, how the smile comes closer.
 
 # %%
@@ -313,8 +313,8 @@ print(f"{animation_error_mm():.2f} mm on held-out poses of the animation")
 # </details>
 
 # %% [markdown]
-# And the time: milliseconds for one drag of the teen, from `results/reference/bench_ik.csv` (their solver is the
-# suite's, not yours).
+# And the time: milliseconds for one drag of the teen, measured by the suite. `ik` are the IK networks, `update` is
+# them and the new face, and `solver` is the suite's own descent on the same network, as in the first picture.
 
 # %%
 from replicate.report.notebooks import rows_if_there
@@ -337,5 +337,5 @@ for row in rows_if_there("reference", "bench_ik.csv"):
 # - D. Holden, J. Saito, T. Komura, *Learning an Inverse Rig Mapping for Character Animation*, SCA 2015: another way
 #   to learn it, from poses of the rig.
 #
-# You have now built a table with a winner in each column, and the columns disagree. Which of them you print is a
-# decision, and you could have taken it after you saw the numbers. Lesson 8 is about taking it before.
+# You have now built a table whose columns need not agree on the winner. Which of them you print is a decision, and
+# you could have taken it after you saw the numbers. Lesson 8 is about taking it before.
