@@ -165,7 +165,7 @@ def curves(line: tuple[float, float], logs: Mapping[str, Sequence[tuple]]) -> "t
     """
     from matplotlib.figure import Figure
 
-    figure = Figure((WIDTH, 3.6), dpi=100, layout="constrained")
+    figure = Figure((0.85 * WIDTH, 3.4), dpi=100, layout="constrained")
     labels = ("distance error, mm", "normal error, degrees")
     for k, axes in enumerate(figure.subplots(1, 2)):
         axes.axhline(line[k], color=COLOURS["line"], linewidth=2, linestyle="--", label="line")
@@ -186,7 +186,8 @@ def curves(line: tuple[float, float], logs: Mapping[str, Sequence[tuple]]) -> "t
     )
 
 
-LIMIT_DEG, TALL = 20.0, 1.2
+LIMIT_DEG = 20.0
+PANEL, TALL, SHEET = 235, 1.2, 1000  # width of a head in pixels, its height over that, and the width of all
 
 
 def heads(face: Face, predictions: Mapping[str, np.ndarray]) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -201,8 +202,7 @@ def heads(face: Face, predictions: Mapping[str, np.ndarray]) -> "tuple[matplotli
     turned = np.nanmean(normal_error(face.neutral + face.test_offsets, face.neutral, face.faces), axis=1)
     pose = int(np.argmax(turned))
     truth = face.neutral + face.test_offsets[pose]
-    width = 330
-    height = round(TALL * width)
+    width, height = PANEL, round(TALL * PANEL)
     view = frame_surfaces(camera_for("front", face.neutral), [Surface(truth, face.faces)], 1 / TALL)
     draw = partial(render, camera=view, width=width, height=height)
     cells = [Cell("rig", (draw([Surface(truth, face.faces)]),))]
@@ -214,7 +214,7 @@ def heads(face: Face, predictions: Mapping[str, np.ndarray]) -> "tuple[matplotli
         cells.append(Cell(name, (split_face(*pictures, line),), (f"{mm:.2f} mm, {degrees:.1f}°",)))
     bar = partial(normal_bar, limit_deg=LIMIT_DEG, orientation="horizontal")
     numbers = "; ".join(f"{cell.title}: {cell.lines[0]}" for cell in cells[1:])
-    return face_sheet(cells, len(cells), bar=bar), Words(
+    return face_sheet(cells, len(cells), bar=bar, width=SHEET), Words(
         f"The tiny head by the rig and by {len(predictions)} methods, half of each face coloured by normal error. "
         f"{numbers}.",
         "The test pose whose normals turn most from rest. Left halves: surfaces; right halves: normal errors.",
@@ -297,7 +297,7 @@ def balances(logs: Mapping[float, Sequence[tuple]], line: tuple[float, float], r
     )
 
 
-REGIONS, TOUCHES_MM, WIDE = 8, 0.05, 680  # the last one in pixels
+REGIONS, TOUCHES_MM, WIDE = 8, 0.05, 600  # the last one in pixels
 
 
 def controls_of_regions(face: Face) -> tuple[np.ndarray, np.ndarray]:
@@ -329,7 +329,9 @@ def regions(face: Face) -> "tuple[matplotlib.figure.Figure, Words]":
     of_face = region[face.faces[:, 0]]
     surfaces = [Surface(face.neutral, face.faces, colours[of_face]) for colours in (palette, heat)]
     view = frame_surfaces(camera_for("three_quarter", face.neutral), surfaces, 1 / TALL)
-    pictures = [render([surface], view, WIDE // 2 - 10, round(TALL * WIDE / 2), studio=EVEN) for surface in surfaces]
+    pictures = [
+        render([surface], view, WIDE // 2 - 60, round(TALL * (WIDE // 2 - 60)), studio=EVEN) for surface in surfaces
+    ]
     cells = [Cell(title, (each,)) for title, each in zip(("regions", "controls they see"), pictures, strict=True)]
     bar = partial(colour_bar, limit=most, label=f"controls that move the region, of {most}", orientation="horizontal")
     return face_sheet(cells, len(cells), bar=bar, width=WIDE), Words(

@@ -1,0 +1,283 @@
+"""Lesson 8: a claim and its rule, leaks between training and test poses, a plan."""
+
+import re
+import shlex
+import statistics
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from course import lesson8
+from course.checks import passed, require
+from replicate.methods.method_registry import methods
+from replicate.report.results import order_of
+from replicate.targets.claims.rules import QUANTITIES, Comparison, MissingNumber, Number, decide, published
+from replicate.targets.claims.verdicts import HOLDS, claim_named, judge
+
+# A claim by its rule.
+
+OURS, OTHER = {0: 1.0, 1: 1.1, 2: 1.3}, {2: 1.45, 1: 1.35, 0: 1.2}  # the second one's seeds in another order
+
+
+def check_claim(clearance: Callable, judge_c2: Callable) -> None:
+    """Compare a clearance with the suite's, then the verdicts on all characters."""
+    _check_clearance(clearance)
+    _check_made_up(judge_c2)
+    words = []
+    errors = lesson8.normal_errors()
+    for character in sorted(errors, key=order_of):
+        holds, effect = judge_c2(errors[character], character)
+        theirs = judge(claim_named("C2"), character, lesson8.evidence(), published())
+        sentence = f"On {character} the suite's verdict is “{theirs.verdict}”, and yours is not: {theirs.reason}"
+        require(bool(holds) == (theirs.verdict == HOLDS), sentence)
+        _, way, _ = decide(claim_named("C2").ways(lesson8.evidence(), character))
+        ratio = max(comparison.ratio for comparison in way)
+        sentence = f"On {character} the effect is {ratio:.3f}, yours {effect:.3f}: divide means over the seeds."
+        require(np.isclose(effect, ratio, rtol=1e-3), sentence)
+        words.append(f"{character} {theirs.verdict} ({ratio:.2f})")
+    passed(f"your verdicts are the suite's: {', '.join(words)}")
+
+
+def _check_clearance(clearance: Callable) -> None:
+    got = clearance(OURS, OTHER)
+    require(got is not None, "clearance returns None: end it with `return`.")
+    numbers = (
+        Number("", statistics.fmean(each.values()), statistics.stdev(each.values()), (), each) for each in (OURS, OTHER)
+    )
+    right = Comparison("normal error", "deg", *numbers)
+    mean, sds = right.right.value - right.left.value, [right.left.sd or 0.0, right.right.sd or 0.0]
+    by_place = [other - ours for ours, other in zip(OURS.values(), OTHER.values(), strict=True)]
+    paired = [OTHER[seed] - OURS[seed] for seed in OURS]
+    for wrong, sentence in (
+        (-mean - right.spread, "The wrong way round: other − ours is positive where ours is smaller."),
+        (mean, "The spread is missing: take twice the standard deviation of the difference away."),
+        (mean - right.sd, "You take one standard deviation away: the rule says two."),
+        (mean + right.spread, "You add the spread: a larger spread has to make it harder to hold."),
+        (mean - 2 * sum(sds), "You take the spreads of both methods: take that of the difference, seed by seed."),
+        (
+            mean - 2 * np.hypot(*sds),
+            "You add variances as if seeds were independent: take the difference's, seed by seed.",
+        ),
+        (
+            mean - 2 * statistics.pstdev(paired),
+            "Your standard deviation divides by n: over three seeds take n − 1 (ddof=1).",
+        ),
+        (mean - 2 * statistics.stdev(by_place), "You pair by place in the dictionary: take the same seed of both."),
+    ):
+        require(not np.isclose(got, wrong), sentence)
+    require(np.isclose(got, right.clearance), f"For {OURS} and {OTHER} expected {right.clearance:.3f}, got {got}.")
+    sentence = "One seed has no spread: return the difference itself, and take no standard deviation of one number."
+    try:
+        alone = clearance({0: 1.0}, {0: 1.5})
+    except statistics.StatisticsError:
+        alone = np.nan
+    require(np.isclose(alone, 0.5), sentence)
+
+
+def _made_up(**errors: float) -> dict[str, dict[int, float]]:
+    """Return errors seed by seed, all methods' but some at 3 degrees."""
+    values = dict.fromkeys((*lesson8.PAPERS, "linear"), 3.0) | errors
+    return {method: {seed: value + 0.01 * seed for seed in range(3)} for method, value in values.items()}
+
+
+def _check_made_up(judge_c2: Callable) -> None:
+    answer = judge_c2(_made_up(refined=1.0, dense=2.0), "teen")
+    require(isinstance(answer, tuple) and len(answer) == 2, "judge_c2: expected (whether it holds, the effect).")
+    holds, effect = answer
+    require(isinstance(holds, bool | np.bool_), f"Expected True or False as the verdict, got {holds!r}.")
+    require(holds, "With refined at 1°, dense at 2° and the others at 3° C2 holds on the teen.")
+    require(not np.isclose(effect, 2.01 / 1.01), "The effect is upside down: below 1 is what the claim wants.")
+    require(np.isclose(effect, 1.01 / 2.01), f"With 1° against 2° expected an effect of 0.50, got {effect:.2f}.")
+    require(
+        judge_c2(_made_up(refined=1.0, linear=0.5), "teen")[0],
+        "The straight line is not among the paper's methods: it decides no claim, so go through lesson8.PAPERS.",
+    )
+    on_dragon = [judge_c2(_made_up(**{best: 1.0}), "dragon")[0] for best in ("dense", "refined")]
+    require(on_dragon == [True, False], "On the dragon the rule wants dense to be the best one.")
+    require(
+        not judge_c2(_made_up(refined=1.0, lbs24=0.9), "woman")[0],
+        "One method below the best is enough to fail: use all.",
+    )
+    wide = _made_up(refined=1.0)
+    wide["coarse"] = {0: 1.0, 1: 1.3, 2: 1.1}
+    require(
+        not judge_c2(wide, "toon")[0],
+        "A smaller mean is not enough: where the difference is within its spread, the claim fails.",
+    )
+
+
+# Leaks.
+
+
+def check_detectors(nearest: Callable, has_copy: Callable) -> None:
+    """Try both detectors on poses that are near, scaled, or neither; then on the animation."""
+    rng = np.random.default_rng(4)
+    training = rng.normal(size=(50, 6)).astype(np.float32)
+    training[:, 5] = 0
+    pose = training[7] + np.float32(0.01)
+    got = nearest(pose, training)
+    require(got is not None, "nearest returns None: end it with `return`.")
+    require(np.ndim(got) == 0, f"nearest: expected one number, got the shape {np.shape(got)}: the smallest of all.")
+    lengths = np.linalg.norm(training - pose, axis=1)
+    require(not np.isclose(got, lengths.min()), "nearest: divide the distance by the pose's own length.")
+    require(
+        not np.isclose(got, lengths.mean() / np.linalg.norm(pose)), "nearest: take the smallest distance, not the mean."
+    )
+    right = lengths.min() / np.linalg.norm(pose)
+    require(
+        np.isclose(got, right, rtol=1e-4),
+        f"nearest: expected {right:.4f} for a pose beside a training pose, got {got:.4f}.",
+    )
+    _check_copies(has_copy, training)
+    split = lesson8.splits()["C"]
+    copied = [pose for pose in split.test if has_copy(pose, split.training)]
+    require(copied, "On the animation has_copy finds nothing: compare with all training poses, control by control.")
+    far = float(np.median([nearest(pose, split.training) for pose in copied]))
+    passed(
+        f"both are right; on split C, {len(copied)} of {len(split.test)} test poses have a scaled copy, at a "
+        f"median distance of {far:.2f}"
+    )
+
+
+def _check_copies(has_copy: Callable, training: np.ndarray) -> None:
+    def planted(copy: np.ndarray) -> object:
+        return has_copy(pose, np.concatenate([training, copy.astype(np.float32)[None]]))
+
+    pose = np.array([0.4, -0.2, 0.0, 0.6, 0.0, 0.1], np.float32)
+    factors = np.array([0.3, 2.9, 1.0, 1.4, 1.0, 0.26])
+    found = planted(pose * factors)
+    require(found is not None, "has_copy returns None: end it with `return`.")
+    require(np.ndim(found) == 0, f"has_copy: expected True or False, got the shape {np.shape(found)}.")
+    require(found, "has_copy misses a copy: each control has a factor of its own, from 0.25 to 3.")
+    require(
+        not has_copy(pose, training), "has_copy sees a copy among poses of which none has the same controls at rest."
+    )
+    for changed, sentence in (
+        (
+            pose * 0.2,
+            "has_copy: a factor of 0.2 is not Eq. 5's, which begins at 0.25 (training over test, not the reverse).",
+        ),
+        (pose * 3.5, "has_copy: a factor of 3.5 is beyond Eq. 5's 3."),
+        (pose * np.array([1, 1, 1, 1, 1, 9]), "has_copy: all controls need a fitting factor, not some."),
+        (pose * np.array([1, -1, 1, 1, 1, 1]), "has_copy: Eq. 5 turns no sign."),
+        (pose + np.array([0, 0, 0.3, 0, 0, 0]), "has_copy: a control that rests in the pose rests in its copies."),
+        (pose * np.array([1, 1, 1, 0, 1, 1]), "has_copy: a control that moves in the pose moves in its copies."),
+        (0 * pose, "has_copy: the pose at rest is no copy of one that moves."),
+    ):
+        require(not planted(changed), sentence)
+    halves = np.array([1.0, 1, 1, 1, 1, 9]), np.array([9.0, 1, 1, 1, 1, 1])
+    rows = np.concatenate([training, *[(pose * half).astype(np.float32)[None] for half in halves]])
+    require(
+        not has_copy(pose, rows),
+        "has_copy: a single training pose has to fit in all controls: all over controls, then any.",
+    )
+    require(
+        planted(pose * 3), "has_copy: a factor of exactly 3, stored as float32, is still Eq. 5's: allow 0.01 % more."
+    )
+
+
+MADE = {"A": "neighbours", "B": "none", "C": "scaled copies", "D": "none", "E": "neighbours"}
+HINTS = {
+    ("neighbours", "none"): "many of its test poses have a training pose nearer than 0.1",
+    ("neighbours", "scaled copies"): "its test poses have neighbours, which explain the copies: factors near 1",
+    ("none", "neighbours"): "none of its test poses has a training pose nearer than 0.1",
+    ("none", "scaled copies"): "no test pose has a copy; training that is augmented after the split leaks nothing",
+    ("scaled copies", "none"): "its nearest poses are far away, but look at the last column",
+    ("scaled copies", "neighbours"): "none of its test poses has a near one, so what else is it?",
+}
+
+
+def check_splits(leaks: Callable) -> None:
+    """Compare what is said of the splits with how they were made."""
+    answer = leaks()
+    require(isinstance(answer, Mapping), f"Expected a dictionary of splits, got {type(answer).__name__}.")
+    require(set(answer) == set(MADE), f"Expected the splits {', '.join(MADE)}, got {', '.join(map(str, answer))}.")
+    for name, said in answer.items():
+        require(said in lesson8.LEAKS, f"Split {name}: expected one of {', '.join(lesson8.LEAKS)}, got {said!r}.")
+        require(said == MADE[name], f"Split {name}: {HINTS.get((MADE[name], said), '')}.")
+    passed("A is random frames, E every tenth frame; C was augmented before it was split, B after; D is whole clips")
+
+
+# A plan.
+
+TUPLES = ("changes", "characters", "seeds", "beside")
+DIRECTION = re.compile(
+    r"\b(smaller|larger|lower|higher|less|more|fewer|below|above|better|worse|halves?|doubles?)\b", re.I
+)
+FEWEST_SEEDS = 3
+TRIVIAL = ("linear", "neutral", "squares")  # no network
+
+
+def check_plan(plan: Callable) -> None:
+    """Read a plan as a referee would; then say its rule and its seal."""
+    made = plan()
+    require(isinstance(made, lesson8.Plan), f"Expected a lesson8.Plan, got {type(made).__name__}.")
+    for name in TUPLES:
+        value = getattr(made, name)
+        require(
+            isinstance(value, tuple | list), f"{name}: expected a tuple, got {value!r}; one entry needs a comma: (x,)."
+        )
+    require(DIRECTION.search(made.hypothesis), "The hypothesis has no direction: say what becomes smaller or larger.")
+    require("because" in made.hypothesis.lower(), "The hypothesis gives no reason: what is it because of?")
+    known = methods()
+    require(made.base in known, f"base: expected a method of Table 2, such as dense, got {made.base!r}.")
+    require(made.changes, "Nothing changes: what does mine.py do otherwise than the base?")
+    sentence = f"{len(made.changes)} things change at once: whatever comes out, you won't know which of them it was."
+    require(len(made.changes) == 1, sentence)
+    metrics = {f"{kind}_error_mean": kind for kind in QUANTITIES}
+    require(made.metric in metrics, f"metric: expected one of {', '.join(metrics)}, got {made.metric!r}.")
+    there = [name for name in lesson8.evidence().characters() if "@" not in name]
+    for name in made.characters:
+        require(name in there, f"characters: expected some of {', '.join(there)}, got {name!r}.")
+    require(made.characters, "No character: on which of Table 2's shall it hold?")
+    seeds = set(made.seeds)
+    require(len(seeds) == len(made.seeds), "A seed stands twice in the plan: it gives the same numbers twice.")
+    sentence = f"{len(seeds)} seeds show no spread to speak of: take at least {FEWEST_SEEDS}."
+    require(len(seeds) >= FEWEST_SEEDS, sentence)
+    sentence = (
+        "What is chosen on the test poses has seen the test: choose on validation poses, and look at the test once."
+    )
+    require(made.chosen_on in ("training", "validation"), sentence)
+    sentence = f"Nothing trivial stands beside: name one of {', '.join(TRIVIAL)}, to know what a ratio is worth."
+    require(set(made.beside) & set(TRIVIAL), sentence)
+    _check_effect(made, metrics[made.metric])
+    _check_command(made)
+    where, seeds = " and ".join(made.characters), ", ".join(map(str, made.seeds))
+    passed(
+        f"it holds if your {made.metric} is at most {made.least_effect:g} × that of {made.base} on {where}, and the "
+        f"difference exceeds twice its spread over seeds {seeds}; seal {lesson8.seal(made)}"
+    )
+
+
+def _check_effect(plan: lesson8.Plan, kind: str) -> None:
+    effect = plan.least_effect
+    require(0 < effect < 1, f"least_effect: expected yours over the base's, between 0 and 1, got {effect}.")
+    for character in plan.characters:
+        try:
+            number = lesson8.evidence().error(character, plan.base, kind)
+        except MissingNumber:
+            continue
+        spread = 2 * (number.sd or 0.0) / number.value
+        require(
+            1 - effect > spread,
+            f"An effect of {1 - effect:.1%} is less than {plan.base} varies over seeds on {character}, {spread:.1%}: "
+            "ask for more.",
+        )
+
+
+def _check_command(plan: lesson8.Plan) -> None:
+    words = shlex.split(plan.command)
+    require(words[:2] == ["make", "table2"], f"command: expected make table2 …, got {plan.command!r}.")
+    given = dict(word.split("=", 1) for word in words[2:] if "=" in word)
+    for variable, wanted in (
+        ("METHODS", (plan.base, *plan.beside)),
+        ("CHARACTERS", plan.characters),
+        ("SEED", tuple(map(str, plan.seeds))),
+    ):
+        values = given.get(variable, "").split()
+        standard = variable == "METHODS" and "standard" in values
+        missing = [each for each in wanted if each not in values and not standard]
+        sentence = f'command: {variable} lacks {", ".join(missing)}; several values stand in quotes, {variable}="a b".'
+        require(not missing, sentence)
+    own = [word for word in given["METHODS"].split() if word.endswith(".py")]
+    require(len(own) == 1, f"command: expected one file of yours in METHODS, such as mine.py, got {len(own)}.")
