@@ -43,10 +43,11 @@ show_text(f"> **C2. {claim_named('C2').text}.** {claim_named('C2').rule}")
 # *dense*. Also return the **effect**: the error of that best one over the smallest of the others, as means over
 # seeds.
 
+# %%
+import numpy as np
+
+
 # %% exercise="claim"
-import statistics
-
-
 def clearance(ours, other):
     """Return the mean of other − ours over the seeds, minus twice the standard deviation of that difference.
 
@@ -54,8 +55,8 @@ def clearance(ours, other):
     """
     ### BEGIN SOLUTION
     differences = [other[seed] - ours[seed] for seed in ours]
-    spread = 2 * statistics.stdev(differences) if len(differences) > 1 else 0.0
-    return statistics.fmean(differences) - spread
+    spread = 2 * np.std(differences, ddof=1) if len(differences) > 1 else 0.0
+    return np.mean(differences) - spread
     ### END SOLUTION
 
 
@@ -65,8 +66,8 @@ def judge_c2(errors, character):
     best = "dense" if character == "dragon" else "refined"
     others = [errors[method] for method in lesson8.PAPERS if method != best]
     holds = all(clearance(errors[best], other) > 0 for other in others)
-    means = [statistics.fmean(other.values()) for other in others]
-    return holds, statistics.fmean(errors[best].values()) / min(means)
+    best_mean, *means = (np.mean([*each.values()]) for each in (errors[best], *others))
+    return holds, best_mean / min(means)
     ### END SOLUTION
 
 
@@ -129,10 +130,8 @@ show(*lesson8.splits_chart({"frames": "a tenth of the frames", "clips": "a whole
 #
 # **Exercise 2: two detectors** (12 minutes). Poses are rows of controls, each divided by its largest value.
 
+
 # %% exercise="detectors"
-import numpy as np
-
-
 def nearest(pose, training):
     """Return how far the nearest training pose is: its Euclidean distance to the pose, over the pose's length.
 
