@@ -29,7 +29,7 @@ author = "The authors of this replication"
 language = "en"
 extensions = ["myst_nb", "sphinx.ext.autodoc"]
 root_doc = "README"
-COURSE = ["course/**/*.md", "course/**/*.ipynb"]
+COURSE = ["course/*.md", "course/**/*.md", "course/**/*.ipynb"]
 include_patterns = ["*.md", "api/*.rst", *COURSE, "data_recipes/README.md", "notebooks/*", "results/README.md"]
 
 nb_execution_mode = "off"

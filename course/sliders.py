@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from replicate.drawing.panels import Words
+from replicate.drawing.panels import Words, png
 from replicate.report.notebooks import show
 
 if TYPE_CHECKING:
@@ -30,9 +30,15 @@ def move(
         name: ipywidgets.FloatSlider(value=start, min=low, max=high, step=(high - low) / 50, continuous_update=False)
         for name, (low, high, start) in sliders.items()
     }
-    picture = ipywidgets.interactive_output(lambda **values: display(draw(**values)), handles)
+    picture = ipywidgets.Image(format="png")  # no Output widget: a notebook that is run without a page may wait for it
+
+    def follow(change: object = None) -> None:
+        picture.value = png(draw(**{name: handle.value for name, handle in handles.items()}), words)
+
     for name, handle in handles.items():
         handle.description = name.replace("_", " ")
+        handle.observe(follow, "value")
+    follow()
     display(ipywidgets.VBox([*handles.values(), picture]))
 
 

@@ -166,7 +166,7 @@ move(draw, {"jaw_open": (0, 3, 0.4), "smile": (0, 1, 0)}, STILLS, words)
 # **tangent**. A large one goes along an arc. Let $\mathbf d$ be a direction in the space of controls, such as "open
 # the jaw". What the tangent at $\mathbf p_0$ misses at the size $t$ is
 #
-# $$\mathbf b(t) = r(\mathbf p_0 + t\,\mathbf d) - \big(r(\mathbf p_0) + t\,\dot{\mathbf V}\big), \qquad
+# $$\mathbf b(t) = r(\mathbf p_0 + t\,\mathbf d) - \left(r(\mathbf p_0) + t\,\dot{\mathbf V}\right), \qquad
 # \dot{\mathbf V} \approx \frac{r(\mathbf p_0 + h\,\mathbf d) - r(\mathbf p_0 - h\,\mathbf d)}{2h}, \quad h = 0.01.$$
 #
 # A *smooth* function leaves a quarter of $\mathbf b$ each time that $t$ is halved (Taylor). Half of it remains at a

@@ -57,7 +57,7 @@ print("neutral face: {:.2f} mm and {:.2f}° off".format(*errors(poses, 0 * poses
 # The face is then linear in its coefficients $c_k$. Without an artist, which $K$ shapes would serve best? Those that
 # leave least of all poses unexplained:
 #
-# $$\min_{\mathbf m,\,\mathbf B} \sum_i \Big\|\boldsymbol\Delta_i - \mathbf m - \sum_k c_{ik} \mathbf B_k\Big\|^2,
+# $$\min_{\mathbf m,\,\mathbf B} \sum_i \left\|\boldsymbol\Delta_i - \mathbf m - \sum_k c_{ik} \mathbf B_k\right\|^2,
 # \qquad \langle \mathbf B_k, \mathbf B_l \rangle = \begin{cases} 1 & k = l \\ 0 & k \ne l \end{cases}$$
 #
 # The answer is **principal component analysis**: $\mathbf m$ is the mean, the $\mathbf B_k$ are the strongest
@@ -142,14 +142,14 @@ move(draw, {"count": (1, 200, 20)}, [{"count": 5}, {"count": 20}, {"count": 200}
 # Now the other half of the problem: controls are given, coefficients are not. The simplest guess is a line. With
 # controls $\mathbf a_i$ (over their largest values) and targets $\mathbf t_i$, **ridge regression** finds
 #
-# $$\min_{\mathbf W,\,\mathbf w_0}\ \frac1N \sum_i \big\| \mathbf a_i \mathbf W + \mathbf w_0 - \mathbf t_i \big\|^2
+# $$\min_{\mathbf W,\,\mathbf w_0}\ \frac1N \sum_i \left\| \mathbf a_i \mathbf W + \mathbf w_0 - \mathbf t_i \right\|^2
 # + \lambda \|\mathbf W\|^2 .$$
 #
 # The penalty $\lambda$ keeps controls that hardly ever move from taking wild weights; the constant $\mathbf w_0$ pays
 # none. With a last column of ones, $\mathbf A = (\mathbf a\ \ 1)$, and $\mathbf D = \operatorname{diag}(1, \dots, 1,
 # 0)$,
 #
-# $$\big(\mathbf A^\top \mathbf A + N \lambda \mathbf D\big) \begin{pmatrix} \mathbf W \\ \mathbf w_0 \end{pmatrix}
+# $$\left(\mathbf A^\top \mathbf A + N \lambda \mathbf D\right) \begin{pmatrix} \mathbf W \\ \mathbf w_0 \end{pmatrix}
 # = \mathbf A^\top \mathbf T .$$
 
 
