@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_recipes.head.hair_locks import Paths, Scalp, ribbons
+from data_recipes.head.hair_locks import NARROW, Paths, Scalp, ribbons
 from data_recipes.head.prop_mesh import Prop, join, on_skin, sheet
 from data_recipes.head.shape import lidded_distance, smoothstep
 from data_recipes.recipe.reading import Recipe
@@ -62,6 +62,6 @@ def _hairs(ridge: Scalp, half_mm: float, colour: np.ndarray) -> list[Prop]:
         turn = start[:, None] + lean[:, None] * s
         across = np.clip(begin[:, None] + (end - begin)[:, None] * s**0.8, -1, 1)
         wide = (0.20 + 0.11 * half_mm) * generator.uniform(0.8, 1.2, count)
-        paths = Paths(turn, (across + 1) / 2 * (ROWS - 1), wide, np.full(count, lift_mm))
+        paths = Paths(turn, (across + 1) / 2 * (ROWS - 1), wide, np.full(count, lift_mm), np.full(count, NARROW))
         parts += ribbons(ridge, paths, 0.3 + 0 * turn, tuple(colour), 1.0, 2.0, generator, 5)
     return parts

@@ -1,26 +1,27 @@
 """Hair, for display only: a thin sheet from the hair line up to the crown, and locks that lie on it.
 
-A style is a hair line and how the hair lies. At its edge the sheet thins out and takes on the colour of the skin, so
-that the hair grows out of the head instead of sitting on it. Where the hair line is lower than the widest part of the
-head, the hair hangs down from there and doesn't follow jaw and neck.
+A style is a hair line and how the hair lies. At its edge the sheet thins out, dips into the skin and takes on its
+colour, and thin strands hang over it, so that the hair grows out of the head instead of sitting on it. Where the hair
+line is lower than the widest part of the head, the hair hangs down from there and doesn't follow jaw and neck.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from data_recipes.head.hair_locks import RAYS, Layer, Scalp, build_scalp, combed, falling, head_centre, ribbons
+from data_recipes.head.hair_locks import RAYS, Layer, Paths, Scalp, build_scalp, combed, falling, head_centre, ribbons
 from data_recipes.head.prop_mesh import Prop, join, sheet
 from data_recipes.head.shape import smoothstep
 from data_recipes.recipe.reading import Recipe
 
 COLUMNS, ROWS = 217, 40
 FRINGE_MM = 2.2  # how far locks stand off the forehead, which rises and wrinkles under them
+STRANDS, STRANDS_FRINGE, STRANDS_DEG = Layer(150, 0.16, -0.03, 1.9, 0.0), 0.05, 80.0  # over the line, up to this angle
 SEED = 5  # of the locks' irregularities, the same for every head
 
 
@@ -34,7 +35,6 @@ class Style:
     layers: of locks, from the hair line upwards
     fringe: how far the front locks hang below the line, as a share of the way to the crown
     part_deg, sweep_deg: where they part, and how far they are swept aside
-    fade: the share of the way up over which the sheet gains its colour, unless it falls
     falls: whether the hair hangs over the ears
     """
 
@@ -44,7 +44,6 @@ class Style:
     fringe: float = 0.0
     part_deg: float = 0.0
     sweep_deg: float = 0.0
-    fade: float = 0.06
     falls: bool = False
 
 
@@ -75,7 +74,7 @@ STYLES = {
             Layer(42, 0.76, 0.36, 6.0, 2.0),
             Layer(26, 0.98, 0.58, 6.0, 2.6),
         ),
-        fringe=0.03, part_deg=-48.0, sweep_deg=26.0, fade=0.10,
+        fringe=0.03, part_deg=-48.0, sweep_deg=26.0,
     ),
     "bob": Style(
         (
@@ -102,6 +101,7 @@ def hair(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Prop:
     else:
         front = (style.fringe, style.part_deg, style.sweep_deg)
         layers, blunt = [combed(layer, scalp, low, *front, generator) for layer in style.layers], 2.4
+        layers.append(_first_strands(style, scalp, low))
     parts = [_sheet(style, recipe, scalp, low, scale, generator)]
     for paths in layers:
         around = np.mod(paths.turn + np.pi, 2 * np.pi) - np.pi
@@ -110,8 +110,18 @@ def hair(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Prop:
         base = _thickness(style, np.degrees(np.abs(around)), share)
         above_face = smoothstep(np.abs(around), 1.3, 0.9) * smoothstep(share, 0.25, 0.05)
         base = gaussian_filter1d(np.maximum(base, FRINGE_MM * above_face), 1.5, axis=1, mode="nearest")
+        if style.falls:  # locks rise from the parting; the sheet's valley is wider, so that it stays under them
+            base = base * (1 - 0.5 * _parting(style, around, share, 9.0))
         parts += ribbons(scalp, paths, base, recipe.props.hair_colour, scale, blunt, generator)
     return join("hair", "hair" if style.falls else "skin", parts)
+
+
+def _first_strands(style: Style, scalp: Scalp, low) -> Paths:
+    """Return thin strands over the forehead's and temples' hair line, under which the sheet's edge is out of sight."""
+    generator = np.random.default_rng(SEED + 1)
+    strands = combed(STRANDS, scalp, low, STRANDS_FRINGE, style.part_deg, 0.5 * style.sweep_deg, generator)
+    in_front = np.abs(strands.turn[:, -1]) < np.radians(STRANDS_DEG)
+    return Paths(*(getattr(strands, field.name)[in_front] for field in fields(strands)))
 
 
 def _thickness(style: Style, side, share) -> np.ndarray:
@@ -123,6 +133,14 @@ def _thickness(style: Style, side, share) -> np.ndarray:
     return np.where(share < 0, 0.0, thick + smoothstep(share, 0.0, 0.07))
 
 
+def _parting(style: Style, turn, share, width_deg: float) -> np.ndarray:
+    """Return 1 at the parting, in front of the crown, and 0 aside, given the angle (rad) and the share of the way up.
+
+    width_deg: how far aside it has fallen to 1/e
+    """
+    return np.exp(-(((np.degrees(turn) - style.part_deg) / width_deg) ** 2)) * smoothstep(share, 0.85, 0.55)
+
+
 def _hangs(style: Style, side) -> np.ndarray:
     """Return 1 where the edge hangs free, 0 where hair grows out of the skin, given the angle from the front (deg)."""
     return smoothstep(side, 51, 56) if style.falls else 0 * side
@@ -131,21 +149,18 @@ def _hangs(style: Style, side) -> np.ndarray:
 def _sheet(style: Style, recipe: Recipe, scalp: Scalp, low, scale: float, generator: np.random.Generator) -> Prop:
     """Return the sheet under the locks: fine strands from the hair line to the crown."""
     turn, side = scalp.turn, np.degrees(np.abs(scalp.turn))
-    share = np.concatenate([[-0.02], np.linspace(0.0, 1.0, ROWS - 1) ** 1.1])[:, None]
+    share = np.concatenate([[-0.02], np.linspace(0.0, 1.0, ROWS - 1) ** 1.5])[:, None]
     grid, outwards = scalp.at(turn + 0 * share, low + (RAYS - 1 - low) * share)
     hangs = _hangs(style, side)
     strand = gaussian_filter1d(generator.normal(0, 1.0, len(turn)), 0.8, mode="wrap")
     thick = _thickness(style, side, share) + 0.25 * strand * np.sin(np.pi * share)
-    if style.falls:  # the parting, in front of the crown
-        part = np.exp(-(((np.degrees(turn) - style.part_deg) / 5.0) ** 2))
-        thick = thick * (1 - 0.5 * part * (1 - smoothstep(share, 0.9, 1.0)))
+    if style.falls:
+        thick = thick * (1 - 0.75 * _parting(style, turn, share, 22.0))
     thick[0] = -0.4 - 4.6 * hangs  # the edge is turned in
     light = 0.82 + 0.09 * strand + 0.16 * np.exp(-(((share - 0.56) / 0.10) ** 2))
     colour = np.array(recipe.props.hair_colour) * light[..., None]
-    ragged = 0.5 * style.fade * (generator.uniform(size=len(turn)) - 0.3)
-    grown = 1.0 if style.falls else smoothstep(share + 0.01 - ragged, 0.0, style.fade)[..., None]
-    skin = np.array(recipe.props.skin_colour)
-    colour = skin + (0.15 + 0.85 * grown) * (colour - skin)
+    if not style.falls:
+        colour[0] = recipe.props.skin_colour
     return sheet("hair", "skin", colour, grid + scale * thick[..., None] * outwards)
 
 

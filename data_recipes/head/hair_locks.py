@@ -142,6 +142,7 @@ def _ears_reach(p, turn, centre, x) -> Float[np.ndarray, "rays columns"]:
 
 POINTS = 18  # along a lock
 EDGE_MM = 0.8  # how deep at most a lock's edges lie under what it lies on
+NARROW = 0.30  # how broad a lock begins, as a share of its width
 ROUND = 0.34  # how high a lock's back is, as a share of its half width
 
 
@@ -164,12 +165,16 @@ class Layer:
 
 @dataclass(frozen=True)
 class Paths:
-    """Where locks run on a scalp from root to tip, as `turn` (rad) and `ray`, and their half width and lift."""
+    """Where locks run on a scalp from root to tip, as `turn` (rad) and `ray`, and their half width and lift.
+
+    root: how broad they begin, as a share of their width: more where they lie side by side along a parting
+    """
 
     turn: Float[np.ndarray, "locks points"]
     ray: Float[np.ndarray, "locks points"]
     half_mm: Float[np.ndarray, " locks"]
     lift_mm: Float[np.ndarray, " locks"]
+    root: Float[np.ndarray, " locks"]
 
 
 def combed(
@@ -202,7 +207,7 @@ def combed(
     below = np.interp(np.mod(turn + np.pi, 2 * np.pi) - np.pi, scalp.turn, low)
     ray = below + (RAYS - 1 - below) * share
     wide = layer.half_mm * generator.uniform(0.8, 1.25, count)
-    return Paths(turn, ray, wide, layer.lift_mm * generator.uniform(0.8, 1.2, count))
+    return Paths(turn, ray, wide, layer.lift_mm * generator.uniform(0.8, 1.2, count), np.full(count, NARROW))
 
 
 def falling(
@@ -211,30 +216,31 @@ def falling(
     """Return two layers of locks that fall to the hair line: at the back from the crown, in front from a parting."""
     t = np.linspace(0, 1, POINTS)
 
-    def fall(turn, first, last, half_mm, lift_mm, fringe=0.0):
+    def fall(turn, first, last, half_mm, lift_mm, fringe=0.0, root=NARROW):
         below = np.interp(np.mod(turn + np.pi, 2 * np.pi) - np.pi, scalp.turn, low)
         lowest = below - 0.5 - 0.5 * t**6 - fringe * np.sin(np.pi * np.minimum(2 * t, 1))
         ray = first[:, None] + (last - first)[:, None] * t**1.25
         ray = gaussian_filter1d(np.maximum(ray, lowest), 1.8, axis=1, mode="nearest")
         count = len(turn)
-        return Paths(turn, ray, half_mm * generator.uniform(0.85, 1.2, count), np.full(count, lift_mm))
+        half_mm = half_mm * generator.uniform(0.85, 1.2, count)
+        return Paths(turn, ray, half_mm, np.full(count, lift_mm), np.broadcast_to(root, count))
 
     count = 34
     back = np.radians(np.linspace(66, 294, count) + generator.uniform(-2, 2, count))
     end = np.interp(np.mod(back + np.pi, 2 * np.pi) - np.pi, scalp.turn, low) + generator.uniform(-0.9, 0.2, count)
     wave = 0.03 * np.sin(5 * t + generator.uniform(0, 2 * np.pi, (count, 1)))
     layers = [fall(back[:, None] + wave, np.full(count, RAYS - 2.0), end, 10.0, 1.2)]
-    count = 15
+    count = 20
     for side in (-1, 1):
         place = np.linspace(1, 0, count)  # from the crown to the forehead, which lies on top
         part = np.interp(np.radians(part_deg), scalp.turn, low)
-        first = part - 0.6 + place * (RAYS - 3.0 - part)
+        first = part - 0.2 + place * (RAYS - 3.0 - part)
         aside = np.radians(59.5 + 52 * place + generator.uniform(-1, 1, count))
         end = np.interp(side * aside, scalp.turn, low) + generator.uniform(-0.9, 0.2, count)
-        root = np.radians(part_deg - 2.0 * side)  # they cross, so that no gap shows
+        root = np.radians(part_deg - 0.4 * side)  # they cross, so that no gap shows
         turn = root + (side * aside - root)[:, None] * np.tanh(2.6 * t) / np.tanh(2.6)
         fringe = 3.5 * smoothstep(place, 0.45, 0.0)[:, None]  # the foremost ones lie on the forehead
-        layers.append(fall(turn, first, end, 9.5, 2.0, fringe))
+        layers.append(fall(turn, first, end, 8.5, 2.0, fringe, 0.45 + 0.55 * place))
     return layers
 
 
@@ -264,7 +270,7 @@ def ribbons(
     across = np.cross(up, normal)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
     # their form
-    taper = (0.30 + 0.70 * smoothstep(t, 0, 0.35)) * (1 - t**blunt) ** 0.75 + 0.03
+    taper = (1 - (1 - paths.root[:, None]) * smoothstep(t, 0.35, 0)) * (1 - t**blunt) ** 0.75 + 0.03
     half = scale * paths.half_mm[:, None] * taper
     lift = paths.lift_mm[:, None] * smoothstep(t, 0, 0.3) * (1 - 0.8 * smoothstep(t, 0.55, 1))
     edge = np.minimum(EDGE_MM, 0.6 * half)

@@ -17,6 +17,7 @@ from replicate.drawing.scene import SILKY, WET, Camera, Surface, axes
 from replicate.geometry.mesh import vertex_normals
 
 LIFT_MM = 0.35  # how far above a vertex its rays begin, so that its own faces don't stop them
+CLOSE_MM = 4.0  # a surface that lies less far above another covers it
 BEHIND = -0.2  # a normal that points so far from the eye belongs to a surface that is seen from behind
 SPREADS = 24  # steps in which light spreads under skin
 KNEE = 0.72  # up to here brightness is shown as it is; above, it nears white
@@ -154,6 +155,7 @@ class Scene(NamedTuple):
     roughness: (n,)
     is_skin: (n,), whether light goes under the surface
     is_lit: (n,); what isn't shows its colours as they are
+    surface: (n,), which one it is of
     """
 
     vertices: np.ndarray
@@ -164,6 +166,7 @@ class Scene(NamedTuple):
     roughness: np.ndarray
     is_skin: np.ndarray
     is_lit: np.ndarray
+    surface: np.ndarray
 
 
 def trace(
@@ -208,6 +211,12 @@ def trace(
 
     light, open_shares = np.zeros((len(scene.vertices), 3)), np.zeros((len(scene.vertices), len(studio.lamps)))
     light[seen], open_shares[seen] = light_at(normals, rows, studio, reach)
+    is_covered = np.zeros(len(seen), bool)
+    for towards, far in ((_unit(eye - starts), np.inf), (normals, CLOSE_MM)):
+        found = embree.run(starts, np.float32(towards), query="INTERSECT", output=True)
+        hit = found["primID"]
+        is_covered |= (hit >= 0) & (found["tfar"] < far) & (scene.surface[scene.faces[hit, 0]] != scene.surface[seen])
+    light, open_shares = np.split(uncovered(np.hstack([light, open_shares]), scene, seen, is_covered), [3], axis=1)
     if any(studio.under_skin_mm):
         light = spread(light, scene, seen, studio.under_skin_mm)
     if studio.crease:
@@ -239,6 +248,7 @@ def scene_of(surfaces: Sequence[Surface], eye: Float[np.ndarray, " 3"]) -> Scene
         np.repeat([ROUGHNESS.get(one.finish, SKIN_ROUGHNESS) for one in surfaces], counts),
         np.repeat([one.finish not in ROUGHNESS for one in surfaces], counts),
         np.repeat([one.lit for one in surfaces], counts),
+        np.repeat(np.arange(len(surfaces)), counts),
     )
 
 
@@ -289,6 +299,39 @@ def light_at(
     return light, shares
 
 
+def uncovered(
+    values: Float[np.ndarray, "n c"], scene: Scene, seen: np.ndarray, is_covered: np.ndarray
+) -> Float[np.ndarray, "n c"]:
+    """Return values where each covered vertex has the mean of those beside it that aren't covered, from there inwards.
+
+    A vertex under another surface, as a neck's under its collar, is in the dark, but the part of its face that comes
+    out isn't; blended over the face, its darkness would be a stain.
+
+    seen: (s,), the vertices whose values are known
+    is_covered: (s,), whether another surface hides them from the eye or lies close above
+    """
+    beside, values = _neighbours(scene), values.copy()
+    is_known, waiting = np.zeros(len(values), bool), seen[is_covered]
+    is_known[seen[~is_covered]] = True
+    while len(waiting):
+        count = beside[waiting] @ is_known.astype(float)
+        ready = count > 0
+        if not ready.any():
+            break
+        means = beside[waiting[ready]] @ (values * is_known[:, None]) / count[ready, None]
+        values[waiting[ready]] = means
+        is_known[waiting[ready]] = True
+        waiting = waiting[~ready]
+    return values
+
+
+def _neighbours(scene: Scene) -> csr_matrix:
+    """Return (n, n): how many edges of faces join two vertices."""
+    pairs = scene.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    count = len(scene.vertices)
+    return csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (count, count))
+
+
 def spread(
     light: Float[np.ndarray, "n 3"], scene: Scene, seen: np.ndarray, radii_mm: Sequence[float]
 ) -> Float[np.ndarray, "n 3"]:
@@ -316,11 +359,9 @@ def spread(
 
 def depth_mm(scene: Scene) -> Float[np.ndarray, " n"]:
     """Return how far each vertex lies below the smoothed surface, mm; above, it is negative."""
-    pairs = scene.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    count = len(scene.vertices)
-    beside = csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (count, count))
+    beside = _neighbours(scene)
     weight = np.asarray(beside.sum(1)).clip(1)
-    depth, smooth = np.zeros(count), scene.vertices
+    depth, smooth = np.zeros(len(scene.vertices)), scene.vertices
     for step in range(1, max(SMOOTHINGS) + 1):
         smooth = beside @ smooth / weight
         if step in SMOOTHINGS:

@@ -21,6 +21,7 @@ from replicate.drawing.light import (
     to_linear,
     to_srgb,
     trace,
+    uncovered,
 )
 from replicate.drawing.scene import Camera, Surface
 
@@ -98,6 +99,22 @@ def test_what_is_unlit_keeps_its_colours_and_what_is_behind_is_hidden():
     image = trace([behind, Surface(SQUARE, QUAD, colours, lit=False)], VIEW, 80, 80, (7, 8, 9), PORTRAIT)
     assert (image[50, 50] == colours[0]).all() and (image[30, 30] == colours[1]).all()
     assert (image[40, 10] == (255, 0, 0)).all() and (image[1, 1] < 10).all()
+
+
+def test_what_a_cover_hides_of_a_face_leaves_no_stain_on_the_rest():
+    """Vertices lie 10 mm apart: those 6 mm under the cover's edge share faces with pixels that nothing covers."""
+    below, cover = grid(60, 13), SQUARE * 0.8 + np.float32([0, 0, 1])
+    image = trace([Surface(*below, GREY), Surface(cover, QUAD, (0, 0, 0))], VIEW, 80, 80, (0, 0, 0), SKY)
+    beside = brightness(image)[40, [18, 20, 22, 57, 59, 61]]
+    assert beside.min() > 0.8 * 0.5 * to_linear(GREY)[0]
+
+
+def test_covered_vertices_take_the_light_beside_them_from_the_edge_inwards():
+    scene = scene_of([Surface(*grid(4, 9))], np.array([0.0, 0, 900]))
+    x, every = scene.vertices[:, 0], np.arange(len(scene.vertices))
+    light = np.where(x > 0, 0.1, 0.6)[:, None]
+    np.testing.assert_allclose(uncovered(light, scene, every, x > 0), 0.6)
+    np.testing.assert_array_equal(uncovered(light, scene, every, x < np.inf), light, "nothing beside them is known")
 
 
 def test_light_spreads_under_skin_and_none_is_lost():

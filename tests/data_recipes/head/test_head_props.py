@@ -8,6 +8,7 @@ import pytest
 
 from data_recipes.head import hair
 from data_recipes.head.brows import COLUMNS, ROWS
+from data_recipes.head.hair_locks import head_centre
 from data_recipes.head.head_props import COLUMNS as HORN_COLUMNS
 from data_recipes.head.head_props import CREST, PAIRS, build_props
 from data_recipes.head.shape import lidded_distance, skull_distance
@@ -113,6 +114,32 @@ def test_hair_grows_out_of_the_skin_thin_and_in_its_colour_at_the_hair_line(head
     styles = head.recipe.props
     off = [np.abs(colours - np.array(colour)).max(-1) for colour in (styles.skin_colour, styles.hair_colour)]
     assert (off[0][0] < off[1][0]).all() and (off[1][hair.ROWS // 2] < off[0][hair.ROWS // 2]).all()
+
+
+@pytest.mark.parametrize("style", ["cap", "short"])
+def test_strands_hang_over_the_edge_of_the_hair_all_along_the_forehead(head, style):
+    p, count = props_with(head, hair=style)["hair"].vertices, hair.ROWS * hair.COLUMNS
+    edge, locks = p[:count].reshape(hair.ROWS, hair.COLUMNS, 3)[1], p[count:]
+    front = edge[np.abs(np.arctan2(edge[:, 0], edge[:, 2])) < np.radians(40)]
+    for place in front:
+        over = (np.abs(locks[:, 0] - place[0]) < 7) & (locks[:, 2] > 0)
+        assert locks[over, 1].min() < place[1], place
+
+
+def test_a_bobs_parting_is_a_valley(head):
+    """Along the parting the hair lies lower than on both sides of it."""
+    p = props_with(head, hair="bob")["hair"].vertices
+    centre = head_centre(head.recipe)
+    angle = np.degrees(np.arctan2(p[:, 0], p[:, 2] - centre[2])) - hair.STYLES["bob"].part_deg
+    height, up = (
+        skull_distance(head.recipe, p),
+        np.degrees(np.arcsin((p - centre)[:, 1] / np.linalg.norm(p - centre, axis=1))),
+    )
+    for level in (52, 58, 64, 70):
+        near = np.abs(up - level) < 4
+        sides = ((-2, 2), (-25, -10), (10, 25))
+        middle, *beside = (height[near & (angle > a) & (angle < b)].max() for a, b in sides)
+        assert middle < min(beside) - 2, level
 
 
 def test_props_can_be_left_out(head):
