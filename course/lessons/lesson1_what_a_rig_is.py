@@ -47,7 +47,7 @@ print("every 30th control:", ", ".join(control.name for control in rig.controls[
 print("the chain:", " → ".join(node.name for node in rig.nodes))
 
 # %% [markdown]
-# Inside, it is no one formula but a **chain of deformers** (*nodes*), $r = d_{14} \circ \dots \circ d_2 \circ d_1$.
+# Inside, it is no one formula but a **chain of deformers** (*nodes*), $r = d_{14} \circ \cdots \circ d_2 \circ d_1$.
 # All share one *state*: the raw controls `p`, the limited controls `u`, the positions `x`, and what later nodes need.
 # Run the chain and you have the rig:
 #

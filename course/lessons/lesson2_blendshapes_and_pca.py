@@ -65,7 +65,7 @@ print("neutral face: {:.2f} mm and {:.2f}° off".format(*errors(poses, 0 * poses
 # dimensions. Write the centred poses as rows of $\mathbf X$, $N \times 3n$. With the eigenvalues $\lambda_k$ and
 # eigenvectors $\mathbf u_k$ of the small matrix $\mathbf X \mathbf X^\top$, $N \times N$,
 #
-# $$\mathbf B_k = \frac{1}{\sqrt{\lambda_k}}\, \mathbf u_k^\top \mathbf X, \qquad \lambda_1 \ge \lambda_2 \ge \dots$$
+# $$\mathbf B_k = \frac{1}{\sqrt{\lambda_k}}\, \mathbf u_k^\top \mathbf X, \qquad \lambda_1 \ge \lambda_2 \ge \ldots$$
 #
 # Use double precision: the last eigenvalues are a millionth of the first. (`np.linalg.svd` is right, too, but ten
 # times as slow, and without `full_matrices=False` it asks for those $37{,}530^2$ numbers.)
@@ -146,7 +146,7 @@ move(draw, {"count": (1, 200, 20)}, [{"count": 5}, {"count": 20}, {"count": 200}
 # + \lambda \|\mathbf W\|^2 .$$
 #
 # The penalty $\lambda$ keeps controls that hardly ever move from taking wild weights; the constant $\mathbf w_0$ pays
-# none. With a last column of ones, $\mathbf A = (\mathbf a\ \ 1)$, and $\mathbf D = \operatorname{diag}(1, \dots, 1,
+# none. With a last column of ones, $\mathbf A = (\mathbf a\ \ 1)$, and $\mathbf D = \operatorname{diag}(1, \ldots, 1,
 # 0)$,
 #
 # $$\left(\mathbf A^\top \mathbf A + N \lambda \mathbf D\right) \begin{pmatrix} \mathbf W \\ \mathbf w_0 \end{pmatrix}

@@ -85,7 +85,7 @@ move(
 # <details><summary>Answer</summary>
 #
 # A blend of the answers is an answer of the blended matrix: $\sum_b w_b (\mathbf v \mathbf R_b + \mathbf t_b) = \mathbf
-# v\,(\sum_b w_b \mathbf R_b) + \dots$ And **a mean of rotations is not a rotation**. Halfway between 0° and 180° it is
+# v\,(\sum_b w_b \mathbf R_b) + \ldots$ And **a mean of rotations is not a rotation**. Halfway between 0° and 180° it is
 # $\tfrac12(\mathbf I + \mathbf R) $, which sends everything at right angles to the axis to zero. At an angle $\varphi$
 # the radius is $\cos(\varphi/2)$ of what it was. A face twists little, so it loses little there; its trouble is
 # another one, and you will see it below. Dual quaternions (under *Go further*) mend the tube.
@@ -157,12 +157,12 @@ show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 # **alone**, and write what remains in all $f$ poses into one long column:
 #
 # $$\mathbf s_b = \begin{pmatrix} \text{pose 1} - (\mathbf v^0 \mathbf R_b^{(1)} + \mathbf t_b^{(1)}) \\ \vdots
-# \end{pmatrix} \in \mathbb R^{3f}, \qquad \mathbf S = [\mathbf s_1 \dots \mathbf s_B].$$
+# \end{pmatrix} \in \mathbb R^{3f}, \qquad \mathbf S = [\mathbf s_1 \ldots \mathbf s_B].$$
 #
 # Because the weights sum to one, the blend leaves exactly $\mathbf S \mathbf w$. So each vertex has a small problem of
 # its own, and all it knows of the face is its $\mathbf S$:
 #
-# $$\min_{\mathbf w} \|\mathbf S \mathbf w\|^2 \qquad \text{with} \quad \mathbf w \ge 0, \quad \textstyle\sum_b w_b = 1,
+# $$\min_{\mathbf w} \|\mathbf S \mathbf w\|^2 \qquad \text{with} \quad \mathbf w \ge 0, \quad \sum_b w_b = 1,
 # \quad \text{at most 4 of them not zero.}$$
 #
 # **Non-negative and sum one.** `scipy.optimize.nnls(A, y)` minimises $\|\mathbf A \mathbf x - \mathbf y\|$ with
@@ -170,7 +170,7 @@ show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 # zeros with a single 1 at the end on the right side; then **divide $\mathbf x$ by its sum**:
 #
 # $$\mathbf A = \begin{pmatrix} \mathbf S \\ 1 \cdots 1 \end{pmatrix}, \qquad
-# \mathbf y = \begin{pmatrix} \mathbf 0 \\ 1 \end{pmatrix}, \qquad \mathbf w = \mathbf x / \textstyle\sum_b x_b.$$
+# \mathbf y = \begin{pmatrix} \mathbf 0 \\ 1 \end{pmatrix}, \qquad \mathbf w = \mathbf x / \sum_b x_b.$$
 #
 # That is no approximation. Write $\mathbf x = c\,\mathbf w$ with $\sum_b w_b = 1$: for every $\mathbf w$ the best $c$
 # leaves $E / (E + 1)$, where $E = \|\mathbf S \mathbf w\|^2$. This grows with $E$, so the best $\mathbf x$ has the best

@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 
 import nbformat
 import pytest
+from docutils.utils.math.latex2mathml import tex2mathml
 from lesson_source import builder
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
@@ -70,6 +72,14 @@ def test_a_lesson_has_goals_minutes_exercises_a_question_and_papers(lesson):
         assert words in text, words
     names = [cell.metadata.nbgrader.grade_id for cell in cells if "nbgrader" in cell.metadata]
     assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_the_site_can_set_the_formulas(lesson):
+    texts = [cell.source for cell in build.read_lesson(source_of(lesson)).cells if cell.cell_type == "markdown"]
+    text = re.sub(r"```.*?```", "", "\n\n".join(texts), flags=re.DOTALL)
+    formulas = re.findall(r"\$\$(.+?)\$\$|(?<!\$)\$([^$]+)\$", text, re.DOTALL)
+    assert formulas and all(tex2mathml(block or inline, as_block=bool(block)) for block, inline in formulas)
 
 
 @pytest.mark.parametrize("lesson", LESSONS)
