@@ -201,9 +201,7 @@ def test_table1_and_figures_show_every_recipe_of_the_papers_four_unless_some_are
 
 @pytest.mark.parametrize("path", text_files(), ids=lambda path: str(path.relative_to(ROOT)))
 def test_tracked_files_keep_the_house_rules(path):
-    text = re.sub(
-        r'"image/(png|jpeg)": "[^"]*"', "", path.read_text(encoding="utf-8")
-    )  # no base64
+    text = re.sub(r'"image/(png|jpeg)": "[^"]*"', "", path.read_text(encoding="utf-8"))  # no base64
     pieces = ("TO" + "DO", "FIX" + "ME", "import pick" + "le", "allow_pick" + "le=True", "torch.lo" + "ad(")
     assert not [piece for piece in pieces if piece in text]
     hosts = ("pypi" + ".org", "python" + "hosted.org", "download.py" + "torch.org")
