@@ -74,6 +74,7 @@ def in_place(places, controls, step):
         (lambda places, controls, step: central(places, 0 * controls, step), "the one at rest"),
         (lambda places, controls, step: central(places, controls, step)[:2], r"got \(2, 3\)"),
         (lambda places, controls, step: central(places, controls, step) + 0.1, "On a parabola"),
+        (lambda places, controls, step: central(places, controls, 1e-3), r"by 0\.001 where step = 0\.07"),
     ],
 )
 def test_a_wrong_jacobian_is_named(answer, sentence):
@@ -89,6 +90,10 @@ def entries(J, residual, damping):
     return np.linalg.pinv(J.T @ J + damping) @ J.T @ residual
 
 
+def marquardt(J, residual, damping):
+    return np.linalg.pinv(J.T @ J + damping * np.diag(np.diag(J.T @ J))) @ J.T @ residual
+
+
 def wrong_place(J, residual, damping):
     return np.linalg.pinv(J) @ residual / (1 + damping)
 
@@ -101,8 +106,11 @@ def wrong_place(J, residual, damping):
         (lambda J, residual, damping: damped(J, residual, damping**2), "damped by μ²"),
         (entries, "every entry"),
         (lambda J, residual, damping: J.T @ residual, "that is descent"),
+        (lambda J, residual, damping: np.linalg.solve(J.T @ J + damping, J.T @ residual), "every entry"),
+        (marquardt, "by the diagonal of JᵀJ"),
+        (lambda J, residual, damping: J.T @ residual / damping, "divides by μ alone"),
         (wrong_place, "expected 0"),
-        (lambda J, residual, damping: J @ damped(J, residual, damping), r"got \(5,\)"),
+        (lambda J, residual, damping: J @ damped(J, residual, damping), r"got \(8,\)"),
     ],
 )
 def test_a_wrong_step_is_named(answer, sentence):
@@ -115,20 +123,31 @@ def test_another_form_of_the_damped_step_is_right_too(capsys):
     assert capsys.readouterr().out.startswith("✓ ")
 
 
-def held(rounds, left=True, whole=False):
-    """Return a step that holds controls at their limits for some rounds, and takes off what they have moved or not."""
+def held(rounds, left=True, whole=False, at="room", resting=False):
+    """Return a step that holds controls at their limits for some rounds, and takes off what they have moved or not.
+
+    at: what a held control's step is: its "room" up to the limit, the "limit" itself, or "nothing".
+    resting: True holds from the start what rests on a limit.
+    """
 
     def answer(J, residual, damping, controls, lower, upper):
         step, free = np.zeros(len(controls)), np.ones(len(controls), bool)
+        if resting:
+            free = (controls > lower) & (controls < upper)
         for _ in range(rounds):
             rest = residual - J[:, ~free] @ step[~free] if left else residual
             step[free] = damped(J[:, free], rest, damping)
             beyond = free & ((controls + step < lower) | (controls + step > upper))
-            step[beyond] = (np.clip(controls + step, lower, upper) - controls)[beyond]
+            limit = np.clip(controls + step, lower, upper)
+            step[beyond] = {"room": limit - controls, "limit": limit, "nothing": 0 * limit}[at][beyond]
             free = free & ~beyond
         return controls + step if whole else step
 
     return answer
+
+
+def compares_steps(J, residual, damping, controls, lower, upper):
+    return held(30)(J, residual, damping, 0 * controls, lower, upper)
 
 
 def unlimited(J, residual, damping, controls, lower, upper):
@@ -163,6 +182,10 @@ def clips_its_argument(J, residual, damping, controls, lower, upper):
         (by_one_factor, "times one factor"),
         (held(30, left=False), "take off what the held ones have moved"),
         (held(2), "could still do better"),
+        (held(30, resting=True), "rests on a limit"),
+        (held(30, at="nothing"), "stays where it was"),
+        (held(30, at="limit"), "limit − p"),
+        (compares_steps, r"compare p \+ δ"),
         (held(30, whole=True), "return the new controls"),
         (clips_its_argument, "changes its argument"),
         (lambda *arguments: held(30)(*arguments) * 0.99, "off by"),
