@@ -171,21 +171,31 @@ def slope_chart(steps: Sequence[float], curves: Mapping[str, Sequence[float]]) -
 
 
 def damping_chart(
-    jacobian: Float[np.ndarray, "k m"], runs: Mapping[float, Sequence[float]]
+    jacobian: Float[np.ndarray, "k m"], runs: Mapping[float, Sequence[tuple[float, float]]]
 ) -> "matplotlib.figure.Figure":
-    """Return what each damping makes of J's directions, and how the points near their places. runs: μ → mm a round."""
+    """Return what each damping makes of J's directions, and how the points near their places.
+
+    runs: μ → what is left by the network and on the rig, mm, a pair for each round.
+    """
     from matplotlib.figure import Figure
 
     sizes = np.linalg.svd(jacobian, compute_uv=False)
-    figure = Figure((10, 3.8), dpi=100)
+    figure = Figure((10, 4.2), dpi=100)
     left, right = figure.subplots(1, 2)
     for damping, distances in runs.items():
-        left.semilogy(1 + np.arange(len(sizes)), sizes / (sizes**2 + damping), label=f"μ = {damping:g} mm²")
-        right.semilogy(np.maximum(distances, 1e-4), "o-", markersize=4, label=f"μ = {damping:g} mm²")
-    left.semilogy(1 + np.arange(len(sizes)), 1 / sizes, "--", color="#555555", label="no damping")
-    left.set(xlabel="direction, strongest first", ylabel="controls moved for 1 mm")
-    right.set(xlabel="round", ylabel="mean distance of points, mm")
-    left.legend(frameon=False, loc="upper left")
+        (line,) = left.loglog(sizes, sizes / (sizes**2 + damping), label=f"μ = {damping:g}")
+        turn, by_net, by_rig = damping**0.5, *np.transpose(distances)
+        if sizes.min() < turn < sizes.max():
+            left.scatter([turn], [1 / (2 * turn)], color=line.get_color(), zorder=3)
+        right.semilogy(by_net, "o-", markersize=4, color=line.get_color())
+        right.semilogy(by_rig, "--", color=line.get_color())
+    left.loglog(sizes, 1 / sizes, ":", color="#555555", label="no damping")
+    left.set(xlabel="σ of a direction, mm per unit", ylabel="controls moved for 1 mm", ylim=(1e-4, 10))
+    right.set(xlabel="round", ylabel="mean distance of points, mm", ylim=(0.01, 10))
+    right.plot([], "o-", markersize=4, color="#555555", label="by the network")
+    right.plot([], "--", color="#555555", label="on the rig")
+    left.legend(frameon=False, loc="lower left", fontsize=10)
+    right.legend(frameon=False, loc="lower left", fontsize=10)
     for axes in (left, right):
         tidy(axes)
         enlarge(axes, 11)

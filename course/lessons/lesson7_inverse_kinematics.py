@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Lesson 7: Inverse kinematics
 #
-# **60 minutes. You need** lesson 6, least squares, and what a Jacobian is. **Afterwards you can**
+# **75 minutes. You need** lesson 6, least squares, and what a Jacobian is. **Afterwards you can**
 #
 # - differentiate a face in two ways, and say when they disagree;
 # - pull points of a face to where you want them, by damped Gauss–Newton steps that keep every slider within its
@@ -52,9 +52,11 @@ print(f"{(net.default == net.lower).sum()} controls rest at their lower limit")
 # ## A Jacobian you can trust
 #
 # $J_{ij} = \partial \tilde r_i / \partial p_j$ says by how many mm the place $i$ moves when control $j$ moves by one
-# unit. Any function has one, closed or not, if you may ask it twice for each control:
+# unit. You can estimate it for any closed function that you may ask twice for each control:
 #
 # $$J_{\cdot j} \approx \frac{\tilde r(p + h\,e_j) - \tilde r(p - h\,e_j)}{2h}.$$
+#
+# (Some controls rest on a limit, so one of the two poses is outside. You may ask there: a network takes any numbers.)
 
 
 # %% exercise="jacobian"
@@ -97,10 +99,16 @@ show(slope_chart(steps, curves), about)
 # %% [markdown]
 # **Look.** On the left rounding rules: float32 has seven digits, and you divide what is left of them by $h$. On the
 # right the function bends within a step. In between there should be a valley. How deep is it for each of the
-# networks? One hint: a network of leaky ReLUs is made of flat pieces, and its exact derivative knows only the piece
-# that it stands on.
+# networks? One hint: a network of leaky ReLUs, like the paper's CNN, is made of flat pieces, and its exact derivative
+# knows only the piece that it stands on. Our regional network is made of smooth products, with kinks only where it
+# cuts what is out of range.
+# <details><summary>One answer</summary>
 #
-# ## A step, and why it must be damped
+# The CNN's valley is shallower, and at smaller steps: soon a step crosses into other pieces. So at the step that you
+# mean to take, its exact slope is not quite the slope that you will meet.
+# </details>
+#
+# ## A step, and what damping does
 #
 # Let $r = \bar v - \tilde r(p)$ be what is still missing. A straight-line model of the face says $\tilde r(p +
 # \delta) \approx \tilde r(p) + J\delta$. Gauss and Newton would take the $\delta$ with $J\delta = r$. But there are
@@ -119,7 +127,7 @@ def damped_step(J, residual, damping):
     """Return the step δ of the controls, (m,).
 
     J: (k, m), mm per unit of a control. residual: (k,), mm, where the points are wanted minus
-    where they are. damping: μ > 0, mm².
+    where they are. damping: μ > 0, mm² per unit², as JᵀJ.
     """
     ### BEGIN SOLUTION
     return np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ residual)
@@ -130,24 +138,36 @@ def damped_step(J, residual, damping):
 check_step(damped_step)
 
 # %% [markdown]
-# Your step, six rounds of it, with four dampings. On the left, what $\mu$ makes of each direction of $J$: how far
-# controls go for 1 mm. On the right, how the smile comes closer.
+# Your step, six rounds of it on a hard pull, with four dampings. On the left, what $\mu$ makes of each direction of
+# $J$: how far controls go for 1 mm; dots are at $\sigma = \sqrt\mu$. On the right, how far the points are from where
+# they are wanted: solid lines by the network, which your steps ask, dashed ones on the rig.
 
 # %%
-from course.lesson7 import damping_chart
+from course.lesson7 import damping_chart, on_rig
 
+hard = net.targets(mouth_corner_left=(20, 10), chin=(0, -15), brow_right_03=(0, 12))
 runs = {}
 for damping in (0.01, 1, 30, 1000):
     p, runs[damping] = net.default, []
     for _ in range(7):
-        runs[damping].append(mean_distance(target, net.places(p[None])[0]))
-        p = p + damped_step(net.slopes(p), target - net.places(p[None])[0], damping)
+        seen = net.places(p[None])[0]
+        runs[damping].append([mean_distance(hard, seen), mean_distance(hard, on_rig(rig, net, p))])
+        p = p + damped_step(net.slopes(p), hard - seen, damping)
 about = Words("Gain of each direction, and distance by round, for four dampings.", "What damping does.")
 show(damping_chart(net.slopes(net.default), runs), about)
 
 # %% [markdown]
-# **Look.** In $\sigma/(\sigma^2+\mu)$, the gain of a direction with the singular value $\sigma$, where is the turn?
-# What happens to directions beyond it? Now find the price of a large $\mu$.
+# **Look.** In $\sigma/(\sigma^2+\mu)$, the gain of a direction with the singular value $\sigma$, what happens on either
+# side of the dot? What is the price of a large $\mu$? And which $\mu$ would you take by the solid lines, which by the
+# dashed ones? (A line may rise at first: a step makes the sum of *squares* smaller, and for it many points give way a
+# little.)
+# <details><summary>One answer</summary>
+#
+# Stronger directions keep nearly all of $1/\sigma$, weaker ones are switched off. The price is rounds. By the network
+# the least damping is nearest, and at once: nothing yet speaks for more. The rig does: there the nearest is not the
+# least damped, since the weak directions carry controls far off for the last bits of a millimetre. Keep both lines in
+# mind until the table at the end.
+# </details>
 #
 # ## Limits
 #
@@ -207,9 +227,6 @@ def follow(target, take=step_within, damping=1.0, rounds=6, start=net.default):
 
 
 # %%
-from course.lesson7 import on_rig
-
-hard = net.targets(mouth_corner_left=(20, 10), chin=(0, -15), brow_right_03=(0, 12))
 poses = {}
 for name, take in {"no limits": unlimited, "cut": clipped, "yours": step_within}.items():
     p = follow(hard, take)
@@ -221,6 +238,12 @@ show(faces(rig, net, poses, hard), about)
 # %% [markdown]
 # **Look.** The first number is what is left by the network, the second what is left by the rig, whose face you see.
 # Which of these faces would an animator accept? And which number would you have reported?
+# <details><summary>One answer</summary>
+#
+# Probably none. Yours brings the points nearest within limits, also on the rig, and its jaw is swollen all the same: 22
+# points say nothing about the skin between them, and many sliders at their ends are cheap for them. A distance of
+# points isn't a face. So report the rig's number, and show the picture beside it.
+# </details>
 
 # %% [markdown] think="factor"
 # **Think.** A third way keeps the direction of the step: shorten all of $\delta$ by one factor, the largest that lets
@@ -233,7 +256,8 @@ show(faces(rig, net, poses, hard), about)
 # </details>
 
 # %% [markdown]
-# **Try.** In a running notebook, pull at the face yourself. When does it stop following?
+# **Try.** In a running notebook, pull at the face yourself. When does it stop following? (Titles say what is left by
+# the network, and on the rig.)
 
 # %%
 from course.sliders import move
@@ -243,8 +267,10 @@ def pulled(corners_up_mm, brows_up_mm):
     up = {f"mouth_corner_{side}": (0, corners_up_mm) for side in ("left", "right")}
     up |= {f"brow_{side}_01": (0, brows_up_mm) for side in ("left", "right")}
     wanted = net.targets(**up)
-    title = f"corners {corners_up_mm:+g} mm, brows {brows_up_mm:+g} mm"
-    return faces(rig, net, {title: follow(wanted)}, wanted)
+    p = follow(wanted)
+    by_net, by_rig = (mean_distance(wanted, each) for each in (net.places(p[None])[0], on_rig(rig, net, p)))
+    title = f"corners {corners_up_mm:+g}, brows {brows_up_mm:+g}: {by_net:.2f} mm, rig {by_rig:.2f} mm"
+    return faces(rig, net, {title: p}, wanted)
 
 
 stills = [{"corners_up_mm": c, "brows_up_mm": b} for c, b in ((-8, 6), (8, -5), (14, 10))]
@@ -262,15 +288,18 @@ move(pulled, sliders, stills, Words("Three faces, posed by their points.", "Your
 # $$\mathcal L = \frac1{|C|}\sum_{i\in C} \lVert \tilde r_i(f_{IK}(\bar V_C)) - \bar v_i\rVert_1
 # + \lambda\,\lVert (p - p^0)\odot s\rVert_1, \qquad p = f_{IK}(\bar V_C).$$
 #
-# So its gradient is $J^{\mathsf T}$ of this lesson, at training time. When somebody drags, no $J$ is needed. Table
-# 4's 25 configurations of dragged points, by you and by them:
+# $p^0$ are the controls at rest, and $s$ weighs each by one over its range, so that $\lambda$ is in mm (the suite's
+# descent has 0.02 mm). The gradient of the first term is $J^{\mathsf T}$ of this lesson times the signs of what is
+# missing, at training time. When somebody drags, no $J$ is needed. Table 4's 25 configurations of dragged points, by
+# doing nothing, by you, and by them:
 
 # %%
 from course.lesson7 import by_networks, drags
 
-ways = {
-    "your rounds": follow,
-    "your rounds, μ = 100 mm²": lambda wanted: follow(wanted, damping=100),
+ways = {"nothing": lambda wanted: net.default}
+for damping in (0.01, 1, 10, 100):
+    ways[f"your rounds, μ = {damping:g}"] = lambda wanted, damping=damping: follow(wanted, damping=damping)
+ways |= {
     "IK networks": lambda wanted: by_networks(net, wanted),
     "IK networks, cut to limits": lambda wanted: np.clip(by_networks(net, wanted), net.lower, net.upper),
 }
@@ -291,7 +320,8 @@ means = {name: np.mean([judged(w, way(w)) for w in drags(net)], axis=0) for name
 pd.DataFrame(means, index=columns).T.round(2)
 
 # %% [markdown]
-# **Look.** The first column is what your rounds make small. The second is what the user gets. Which way wins in each?
+# **Look.** The first column is what your rounds make small. The second is what the user gets. Which way wins in each,
+# and which is worse than doing nothing?
 # The third says how far the approximation is from the rig *at the controls that were found*. Compare it with this
 # network's error on poses of the animation:
 
@@ -301,20 +331,34 @@ from course.lesson7 import animation_error_mm
 print(f"{animation_error_mm():.2f} mm on held-out poses of the animation")
 
 # %% [markdown] think="faults"
-# **Think.** A way can be the nearest by the network and far off on the rig. How, if the network is that good? And why
-# might more damping help, which makes each step worse?
+# **Think.** Go down your four rows. Why can *less* damping leave more in the first column, too, which each step makes
+# small? And beyond that: why can more damping help the second column while it costs the first?
 # <details><summary>Answer</summary>
 #
-# The network is good where it has seen poses: near the animation. Your rounds ask nobody else. They go wherever the
-# network *says* that the points arrive, many sliders at their ends at once, where no training pose ever was, and of
-# all places they pick those whose faults help most. An optimiser is a machine for finding the faults of what it
-# optimises. Small steps, few of them, stay near the animation, and so does a price on the controls' size, which is
-# what $\lambda$ in Eq. 8 is for. The IK networks have it from their training.
+# Two faults are mixed. *A step that is too long.* With little damping weak directions send dozens of controls to their
+# limits in one step, by a straight line that holds no longer there. The next round starts from such a corner. So even
+# the network sees worse faces: this is what damping is needed for. *A step that trusts too much.* The network is good
+# near the animation. Your rounds go wherever it *says* that the points arrive, many sliders at their ends at once,
+# where no training pose was, and of all places they pick those whose faults help most: the third column. An optimiser
+# is a machine for finding the faults of what it optimises. Much damping and few rounds stop early, near rest; they leave
+# more by the network, and what they report is true.
+#
+# Stopping early is not the same as a price on the controls, Eq. 8's $\lambda$: with enough rounds, damped steps get as
+# far as others. Nor does that price alone make a way safe: read the third and fourth columns of the IK networks.
 # </details>
 
 # %% [markdown]
-# And the time: milliseconds for one drag of the teen, measured by the suite. `ik` are the IK networks, `update` is
-# them and the new face, and `solver` is the suite's own descent on the same network, as in the first picture.
+# And the time, in milliseconds for one drag of the teen. First yours, on this machine; then the suite's committed
+# measurements: `ik` are the IK networks, `update` is them and the new face, and `solver` is the suite's own descent on
+# the same network, as in the first picture.
+
+# %%
+from time import perf_counter
+
+began = perf_counter()
+for wanted in drags(net)[:5]:
+    follow(wanted)
+print(f"yours      {(perf_counter() - began) / 5 * 1000:8.0f} ms")
 
 # %%
 from replicate.report.notebooks import rows_if_there

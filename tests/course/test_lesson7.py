@@ -235,8 +235,9 @@ def test_the_drags_are_those_of_table_4(net):
 def test_charts_have_a_curve_for_each_network_and_damping():
     (axes,) = lesson7.slope_chart([0.1, 1], {"one": [1, 2], "other": [2, 3]}).axes
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["one", "other"]
-    left, right = lesson7.damping_chart(np.diag([4.0, 1.0]), {1: [3, 2], 9: [3, 2.5]}).axes
-    assert len(left.lines) == 3 and len(right.lines) == 2
+    left, right = lesson7.damping_chart(np.diag([4.0, 1.0]), {1: [(3, 3), (2, 2.2)], 9: [(3, 3), (2.5, 2)]}).axes
+    assert len(left.lines) == 3 and right.lines[1].get_ydata().tolist() == [3, 2.2]
+    assert [text.get_text() for text in right.get_legend().get_texts()] == ["by the network", "on the rig"]
     assert left.lines[0].get_ydata().tolist() == pytest.approx([4 / 17, 0.5])
 
 
