@@ -194,8 +194,8 @@ def damping_chart(
     right.set(xlabel="round", ylabel="mean distance of points, mm", ylim=(0.01, 10))
     right.plot([], "o-", markersize=4, color="#555555", label="by the network")
     right.plot([], "--", color="#555555", label="on the rig")
-    left.legend(frameon=False, loc="lower left", fontsize=10)
-    right.legend(frameon=False, loc="lower left", fontsize=10)
+    left.legend(frameon=False, loc="lower right", fontsize=10)
+    right.legend(frameon=False, loc="lower right", fontsize=10)
     for axes in (left, right):
         tidy(axes)
         enlarge(axes, 11)

@@ -20,6 +20,7 @@ def check_pca(pca: Callable, poses: Poses) -> None:
     generator = np.random.default_rng(4)
     offsets = 3.0 + generator.normal(size=(12, 5, 3)) * np.linspace(4, 1, 5)[:, None]
     mean, shapes = _basis(lambda x: pca(x, 4), offsets, 4)
+    _usual_slips(offsets - mean, shapes)
     flat = shapes.reshape(4, -1)
     _orthonormal(flat @ flat.T, "")
     _closest(offsets - mean, shapes, principal_components(offsets.astype(np.float32), 4).shapes.reshape(shapes.shape))
@@ -61,7 +62,9 @@ def check_ridge(ridge_line: Callable, poses: Poses) -> None:
         "Your constant stands in the first row; the column of ones, and with it the constant, comes last.",
     )
     require(np.allclose(weights, exact, atol=1e-6), "Without a penalty yours is not the least-squares fit.")
-    far = columns @ ridge_line(inputs, targets, 1e6)
+    far = ridge_line(inputs, targets, 1e6)
+    require(not np.allclose(far, exact, atol=1e-6), "Your weights are the same for each λ: λ has no effect.")
+    far = columns @ far
     require(
         np.allclose(far, targets.mean(axis=0), atol=0.1),
         f"With a huge λ the line must become the targets' mean, here {targets.mean(axis=0)[0]:.1f}, but yours gives "
@@ -73,6 +76,13 @@ def check_ridge(ridge_line: Callable, poses: Poses) -> None:
         not np.allclose(found, mean_of_one, atol=1e-6),
         "Your penalty is N times too weak: the errors are averaged over N poses, so λ is multiplied by N.",
     )
+    slips = {"λ²": (0.1**2, "λ"), "m": (0.1 * 4 / 30, "N"), "m + 1": (0.1 * 5 / 30, "N")}
+    for slip, (strength, right) in slips.items():
+        (wrong,) = ridge(columns, [targets], (strength,))
+        require(
+            not np.allclose(found, wrong, atol=1e-6),
+            f"Your penalty has {slip} in place of {right}: the diagonal gets N λ, N being the number of poses.",
+        )
     off = float(np.abs(found - theirs).max())
     require(off < 1e-6, f"With λ = 0.1 your weights are {off:.2g} off the suite's: compare with the normal equations.")
     # the real face: a few vertices
@@ -94,6 +104,7 @@ def check_basis(basis_in: Callable, poses: Poses, metric: csr_matrix) -> None:
     step = diags_array([np.ones(6), -np.ones(5)], offsets=[0, 1]).tocsr()
     small = csr_matrix(0.1 * identity(6) + step.T @ step)
     mean, shapes = _basis(lambda x: basis_in(x, small, 4), offsets, 4)
+    _usual_slips(offsets - mean, shapes, small)
     flat = shapes.reshape(4, -1)
     weighed = apply_metric(small, shapes).reshape(4, -1)
     gram = flat @ weighed.T
@@ -134,9 +145,51 @@ def _basis(answer: Callable, offsets: np.ndarray, count: int) -> tuple[np.ndarra
     expected = (count, n, 3)
     require(shapes.shape == expected, f"{count} shapes of {n} vertices are {expected}; yours are {shapes.shape}.")
     require((offsets == before).all(), "Your function changes its argument; subtract the mean into a new array.")
-    require(np.isfinite(shapes).all(), "Your shapes have NaN: is a negative eigenvalue under the root?")
+    require(
+        np.isfinite(shapes).all(),
+        "Your shapes have NaN: are these the smallest eigenvalues? `eigh` sorts upwards, and the first are 0 within "
+        "rounding, some below it.",
+    )
     require(np.allclose(mean, offsets.mean(axis=0)), "Your mean is not that over the poses (axis 0).")
     return mean, shapes
+
+
+def _usual_slips(centred: np.ndarray, shapes: np.ndarray, metric: csr_matrix | None = None) -> None:
+    """Require that shapes are not those of some usual slips with the small matrix and its eigenvectors."""
+    x = centred.reshape(len(centred), -1)
+    weighed = x if metric is None else apply_metric(metric, centred).reshape(x.shape)
+    values, u = (part[..., ::-1] for part in np.linalg.eigh(x @ weighed.T))
+    count, flat = len(shapes), shapes.reshape(len(shapes), -1)
+    lengths = np.sqrt(
+        np.abs((flat * (flat if metric is None else apply_metric(metric, shapes).reshape(flat.shape))).sum(1))
+    )
+    require(
+        lengths[0] > 1e-3,
+        f"Your first shape has the length {lengths[0]:.2g}, nearly 0: are these the smallest eigenvalues, or is the "
+        "order of the eigenvectors not that of their values? `eigh` sorts upwards.",
+    )
+    roots, rows = np.sqrt(np.maximum(values[:count], 1e-12))[:, None], np.linalg.eigh(x @ weighed.T)[1]
+    taken = (rows[:count], rows[::-1][:count], u[:count])
+    require(
+        not any(_same(flat, each / roots @ x) for each in taken),
+        "You take rows of the matrix of eigenvectors: they are the columns of u, `u[:, k]`.",
+    )
+    if metric is None:
+        return
+    require(
+        not _same(flat, u[:, :count].T / roots @ weighed),
+        "You make B from Q X in place of X: Q stands in the small matrix only, once.",
+    )
+    values, u = (part[..., ::-1][..., :count] for part in np.linalg.eigh(weighed @ weighed.T))
+    require(
+        not any(_same(flat, u.T / np.sqrt(values)[:, None] @ each) for each in (x, weighed)),
+        "Your small matrix is (Q X)(Q X)ᵀ, with Q in it twice: Q stands in the small matrix only, once.",
+    )
+
+
+def _same(rows: np.ndarray, others: np.ndarray) -> bool:
+    """Return whether rows are equal up to their signs."""
+    return bool(np.allclose(rows, others * np.sign((rows * others).sum(axis=1))[:, None], rtol=1e-5, atol=1e-8))
 
 
 def _orthonormal(gram: np.ndarray, where: str) -> None:

@@ -256,8 +256,8 @@ show(faces(rig, net, poses, hard), about)
 # </details>
 
 # %% [markdown]
-# **Try.** In a running notebook, pull at the face yourself. When does it stop following? (Titles say what is left by
-# the network, and on the rig.)
+# **Try.** In a running notebook, pull at the face yourself. When does it stop following? (Titles say how far the
+# corners and the brows are pulled up, and what is left on the rig.)
 
 # %%
 from course.sliders import move
@@ -268,8 +268,7 @@ def pulled(corners_up_mm, brows_up_mm):
     up |= {f"brow_{side}_01": (0, brows_up_mm) for side in ("left", "right")}
     wanted = net.targets(**up)
     p = follow(wanted)
-    by_net, by_rig = (mean_distance(wanted, each) for each in (net.places(p[None])[0], on_rig(rig, net, p)))
-    title = f"corners {corners_up_mm:+g}, brows {brows_up_mm:+g}: {by_net:.2f} mm, rig {by_rig:.2f} mm"
+    title = f"{corners_up_mm:+g}, {brows_up_mm:+g} mm: rig {mean_distance(wanted, on_rig(rig, net, p)):.2f} mm off"
     return faces(rig, net, {title: p}, wanted)
 
 
@@ -340,8 +339,8 @@ print(f"{animation_error_mm():.2f} mm on held-out poses of the animation")
 # the network sees worse faces: this is what damping is needed for. *A step that trusts too much.* The network is good
 # near the animation. Your rounds go wherever it *says* that the points arrive, many sliders at their ends at once,
 # where no training pose was, and of all places they pick those whose faults help most: the third column. An optimiser
-# is a machine for finding the faults of what it optimises. Much damping and few rounds stop early, near rest; they leave
-# more by the network, and what they report is true.
+# is a machine for finding the faults of what it optimises. Much damping and few rounds stop early, near rest: they
+# leave more by the network, and their reports are nearer to the truth.
 #
 # Stopping early is not the same as a price on the controls, Eq. 8's $\lambda$: with enough rounds, damped steps get as
 # far as others. Nor does that price alone make a way safe: read the third and fourth columns of the IK networks.

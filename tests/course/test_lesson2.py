@@ -80,7 +80,43 @@ def twice_the_first(offsets, count):
     return mean, shapes
 
 
+def kept(vectors_of, metric=None, twice=False):
+    """Return a basis of eigenvectors chosen by hand. vectors_of: (values, vectors, count) → values, columns."""
+
+    def answer(offsets, count):
+        mean = offsets.mean(axis=0)
+        centred = (offsets - mean).astype(np.float64)
+        x = centred.reshape(len(offsets), -1)
+        weighed = x if metric is None else apply_metric(metric, centred).reshape(x.shape)
+        small = {"once": x @ weighed.T, "twice": weighed @ weighed.T, "outside": x @ weighed.T}[twice or "once"]
+        values, vectors = vectors_of(*np.linalg.eigh(small), count)
+        rows = weighed if twice == "outside" else x
+        with np.errstate(invalid="ignore"):
+            return mean, ((vectors / np.sqrt(values)).T @ rows).reshape(count, *mean.shape)
+
+    return answer
+
+
+def smallest(values, vectors, count):
+    return values[:count], vectors[:, :count]
+
+
+def largest(values, vectors, count):
+    return values[::-1][:count], vectors[:, ::-1][:, :count]
+
+
+def largest_of_rows(values, vectors, count):
+    return values[::-1][:count], vectors[::-1][:count].T
+
+
+def largest_values_alone(values, vectors, count):
+    return values[::-1][:count], vectors[:, :count]
+
+
 BASES = {
+    "smallest eigenvalues": kept(smallest),
+    "order of the eigenvectors": kept(largest_values_alone),
+    "columns of u": kept(largest_of_rows),
     "returns nothing": lambda offsets, count: None,
     "Return two arrays": lambda offsets, count: pca(offsets, count)[1],
     r"The mean of 5 vertices has the shape \(5, 3\)": lambda x, k: (x.mean(), pca(x, k)[1]),
@@ -111,6 +147,10 @@ def ridge_of(inputs, targets, strength, constant_pays=False, averaged=True, last
 
 
 LINES = {
+    "λ has no effect": lambda a, t, s: ridge_of(a, t, 0.0),
+    "λ² in place of λ": lambda a, t, s: ridge_of(a, t, s**2),
+    "m in place of N": lambda a, t, s: ridge_of(a, t, s * a.shape[1] / len(a)),
+    "m \\+ 1 in place of N": lambda a, t, s: ridge_of(a, t, s * (a.shape[1] + 1) / len(a)),
     "returns nothing": lambda inputs, targets, strength: None,
     "a row for the constant": lambda a, t, s: np.linalg.lstsq(a, t)[0],
     "stands in the first row": lambda a, t, s: ridge_of(a, t, s, last=False),
@@ -143,6 +183,10 @@ def uncentred(offsets, metric, count):
 
 
 METRICS = {
+    "smallest eigenvalues": lambda x, q, k: kept(smallest, q)(x, k),
+    "columns of u": lambda x, q, k: kept(largest_of_rows, q)(x, k),
+    "B from Q X": lambda x, q, k: kept(largest, q, "outside")(x, k),
+    r"\(Q X\)\(Q X\)ᵀ": lambda x, q, k: kept(largest, q, "twice")(x, k),
     "vertex by vertex still": half_a_metric,
     "orthonormal vertex by vertex": lambda x, q, k: pca(x, k),
     "in the metric, expected 1": lambda x, q, k: basis_in(x, q + q, k),
