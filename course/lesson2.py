@@ -70,8 +70,12 @@ def errors(poses: Poses, predicted: Float[np.ndarray, "t n 3"]) -> tuple[float, 
 
 def eyes_of(rig: FaceRig, poses: Poses, pose: int) -> list[Surface]:
     """Return the eyeballs of a held-out pose."""
-    truth = poses.mesh.neutral + poses.test_offsets[pose]
-    return prop_surfaces(p for p in props_of(rig, poses.test_params[pose], truth) if p[0].startswith("eye_"))
+    return eyes_in(rig, poses.test_params[pose], poses.mesh.neutral + poses.test_offsets[pose])
+
+
+def eyes_in(rig: FaceRig, params: Float[np.ndarray, " m"], vertices: Float[np.ndarray, "n 3"]) -> list[Surface]:
+    """Return the eyeballs that controls turn, in a face of these vertices."""
+    return prop_surfaces(p for p in props_of(rig, params, vertices) if p[0].startswith("eye_"))
 
 
 def fit_picture(
@@ -144,23 +148,25 @@ def first_line(poses: Poses) -> Float[np.ndarray, "t n 3"]:
 
 
 def shapes_picture(
-    mesh: Mesh,
+    rig: FaceRig,
     mean: Float[np.ndarray, "n 3"],
     shapes: Float[np.ndarray, "c n 3"],
     sizes: Sequence[float],
     width: int = 180,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): the mean face with some shapes added and, below, subtracted.
+    """Return (figure, words): the mean face of a rig with some shapes added and, below, subtracted.
 
     sizes: the coefficient of each shape, mm. width: of a picture, pixels.
     """
+    mesh = rig.mesh
     view = camera_for("front", mesh.neutral)
     view, rows = replace(view, height_mm=ROOM * view.height_mm), []
     for sign in (1, -1):
         faces = [
             np.float32(mesh.neutral + mean + sign * size * shape) for size, shape in zip(sizes, shapes, strict=False)
         ]
-        rows.append([render([Surface(x, mesh.faces)], view, width, round(1.1 * width)) for x in faces])
+        surfaces = [[Surface(x, mesh.faces), *eyes_in(rig, rig.default, x)] for x in faces]
+        rows.append([render(each, view, width, round(1.1 * width)) for each in surfaces])
     figure = panel_grid(rows, [f"shape {k + 1}" for k in range(len(sizes))], ["added", "subtracted"])
     return figure, Words(
         f"Clay renders of the mean face with each of {len(sizes)} principal shapes added and subtracted.",

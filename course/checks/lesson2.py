@@ -148,7 +148,7 @@ def _basis(answer: Callable, offsets: np.ndarray, count: int) -> tuple[np.ndarra
     require(
         np.isfinite(shapes).all(),
         "Your shapes have NaN: are these the smallest eigenvalues? `eigh` sorts upwards, and the first are 0 within "
-        "rounding, some below it.",
+        "rounding, some a little below.",
     )
     require(np.allclose(mean, offsets.mean(axis=0)), "Your mean is not that over the poses (axis 0).")
     return mean, shapes

@@ -1,14 +1,14 @@
 # %% [markdown]
 # # Lesson 2: Blendshapes and PCA
 #
-# **60 minutes. You need** lesson 1, least squares and eigenvalues. **Afterwards you can**
+# **70 minutes. You need** lesson 1, least squares and eigenvalues. **Afterwards you can**
 #
 # - find the shapes that a face moves in, from its poses alone,
 # - fit a straight line from controls to a face, and tell what it will never do,
 # - choose what "close" means, by measuring in a metric of your own.
 #
-# **The question: how far does a straight line get?** Below, one pose that no fit has seen. Which face would you
-# believe?
+# **The question: how far does a straight line get?** Below, one pose that no fit has seen: the rig, and what a line
+# from the controls makes of it. Which of the errors would you have seen without the colours?
 
 # %%
 import numpy as np
@@ -57,7 +57,7 @@ print("neutral face: {:.2f} mm and {:.2f}° off".format(*errors(poses, 0 * poses
 # The face is then linear in its coefficients $c_k$. Without an artist, which $K$ shapes would serve best? Those that
 # leave least of all poses unexplained:
 #
-# $$\min_{\mathbf m,\,\mathbf B} \sum_i \left\|\boldsymbol\Delta_i - \mathbf m - \sum_k c_{ik} \mathbf B_k\right\|^2,
+# $$\min_{\mathbf m,\,\mathbf B,\,c} \sum_i \left\|\boldsymbol\Delta_i - \mathbf m - \sum_k c_{ik}\mathbf B_k\right\|^2,
 # \qquad \langle \mathbf B_k, \mathbf B_l \rangle = \begin{cases} 1 & k = l \\ 0 & k \ne l \end{cases}$$
 #
 # The answer is **principal component analysis**: $\mathbf m$ is the mean, the $\mathbf B_k$ are the strongest
@@ -67,8 +67,10 @@ print("neutral face: {:.2f} mm and {:.2f}° off".format(*errors(poses, 0 * poses
 #
 # $$\mathbf B_k = \frac{1}{\sqrt{\lambda_k}}\, \mathbf u_k^\top \mathbf X, \qquad \lambda_1 \ge \lambda_2 \ge \ldots$$
 #
-# Use double precision: the last eigenvalues are a millionth of the first. (`np.linalg.svd` is right, too, but ten
-# times as slow, and without `full_matrices=False` it asks for those $37{,}530^2$ numbers.)
+# The $\mathbf u_k$ are the *columns* of what `np.linalg.eigh` returns. Each $\mathbf u_k^\top \mathbf X$ is a row
+# of $3n$ numbers, which becomes a shape $(n, 3)$ again. Offsets come in single precision: turn them into doubles
+# first, since the 200th eigenvalue is a millionth of the first. (`np.linalg.svd` is right, too, but several times
+# as slow, and without `full_matrices=False` it asks for those $37{,}530^2$ numbers.)
 
 
 # %% exercise="pca"
@@ -107,11 +109,16 @@ def rebuild(values):
 
 
 known = coefficients(poses.offsets)
-show(*shapes_picture(rig.mesh, mean, shapes[:4], 2 * known[:, :4].std(axis=0)))
+show(*shapes_picture(rig, mean, shapes[:3], 2 * known[:, :3].std(axis=0)))
 
 # %% [markdown]
-# **Look.** Which of lesson 1's nodes do the first shapes show? How many of the teen's 258 controls do you recognise
-# in them? (What is added and what is subtracted is chance: an eigenvector has no sign.)
+# **Look.** Would an animator want a slider for any of these? (What is added and what is subtracted is chance: an
+# eigenvector has no sign.)
+# <details><summary>One answer</summary>
+#
+# Hardly. Each of them moves the jaw, the brows, the lids and the length of the head together, because they move
+# together in the animation. A slider is there to move one thing.
+# </details>
 #
 # ## How many shapes?
 #
@@ -140,7 +147,8 @@ move(draw, {"count": (1, 200, 20)}, [{"count": 5}, {"count": 20}, {"count": 200}
 # ## A straight line
 #
 # Now the other half of the problem: controls are given, coefficients are not. The simplest guess is a line. With
-# controls $\mathbf a_i$ (over their largest values) and targets $\mathbf t_i$, **ridge regression** finds
+# controls $\mathbf a_i$ (over their largest values, as `poses.inputs` are already) and targets $\mathbf t_i$,
+# **ridge regression** finds
 #
 # $$\min_{\mathbf W,\,\mathbf w_0}\ \frac1N \sum_i \left\| \mathbf a_i \mathbf W + \mathbf w_0 - \mathbf t_i \right\|^2
 # + \lambda \|\mathbf W\|^2 .$$
@@ -185,12 +193,18 @@ levels = {"neutral face": errors(poses, 0 * poses.test_offsets), "straight line 
 show(*error_chart(COUNTS, curves, levels))
 
 # %% [markdown]
-# **Look.** There are two ceilings. The floor keeps falling: the shapes are good. The line levels off: from some count
-# on, more shapes are wasted on it. What lies between the two curves is what a *nonlinear* map from controls to the
-# same coefficients could win. Studios ship just that, a small network to PCA coefficients; the suite has it as its
-# method `pca`.
+# **Look.** The floor (blue) keeps falling: the shapes are good. The line to coefficients (orange) can get no lower
+# than the line to vertices (dotted). In mm it is soon there, and more shapes are wasted on it; in degrees it is
+# still on its way, since late shapes are small in mm and full of folds. What lies between the two curves is what a
+# *nonlinear* map from controls to the same coefficients could win. Studios ship just that, a small network to PCA
+# coefficients; the suite has it as its method `pca`.
 #
 # **Try.** Other strengths, `1e-6` or `1e-2`. How would you choose one without looking at the held-out poses?
+# <details><summary>One answer</summary>
+#
+# Set some clips of the *training* poses aside, fit to the rest with each strength, and take the one with the least
+# error on those set aside; then fit once more to all. Whole clips, for the reason above.
+# </details>
 #
 # ## What "close" means
 #
@@ -205,8 +219,10 @@ show(*error_chart(COUNTS, curves, levels))
 # $\alpha = 5$. $\mathbf Q$ is sparse, $n \times n$; `apply_metric(metric, offsets)` gives $\mathbf Q \mathbf x$ of
 # each coordinate, in the shape of the offsets.
 #
-# The best shapes in this metric are orthonormal *in it*, $\langle \mathbf B_k, \mathbf Q \mathbf B_l \rangle = 1$ or
-# 0. You need only one change: the small matrix is now $\mathbf X \mathbf Q \mathbf X^\top$.
+# The best shapes in this metric are orthonormal *in it*, $\langle \mathbf B_k, \mathbf Q \mathbf B_l \rangle = 1$
+# or 0. You need only one change: the small matrix is now $\mathbf X \mathbf Q \mathbf X^\top$, summed over x, y and
+# z. ($\mathbf X$ has $3n$ columns and $\mathbf Q$ only $n$ rows: so call `apply_metric` with the centred offsets,
+# $(N, n, 3)$, and flatten what it gives.)
 
 # %%
 from replicate.regional.basis import apply_metric, loss_metric
@@ -252,20 +268,22 @@ floors = {"shapes by mm": floor, "shapes by mm and normals": [errors(poses, rebu
 show(*error_chart(COUNTS, floors, {"straight line to vertices": levels["straight line to vertices"]}))
 
 # %%
-K = 100
+K = 200
 by_mm, by_normals = rebuild(truth[FOLDED : FOLDED + 1, :K])[0], rebuild_seen(best[FOLDED : FOLDED + 1, :K])[0]
 fits = {f"{K} shapes, mm": by_mm, f"{K} shapes, normals": by_normals}
 show(*fit_picture(rig, poses, FOLDED, fits, clay=False))
 
 # %% [markdown]
-# **Look.** Nothing is free: what one metric gains in degrees it pays in mm. Which of the two would you show to an
+# **Look.** Nothing is free: as soon as there are some dozens of shapes, what one metric gains in degrees it pays in
+# mm. (With few shapes both begin with the same large motions.) Which of the two would you show to an
 # animator, and which to somebody who fits glasses to a head?
 #
 # ## The suite's own
 #
 # The same methods in the suite, with all training poses and random frames held out, from its committed results:
 # *linear* is a line to each segment's vertices, *pca* a network to PCA coefficients, *pca_line* that network with a
-# line beside it.
+# line beside it. Beware: of *random* frames held out, the neighbours were trained on. So compare its rows with each
+# other, not with your chart.
 
 # %%
 import replicate
@@ -288,8 +306,8 @@ table.loc[["neutral", "linear", "pca", "pca_line"], list(NAMES.values())].round(
 # Two errors are mixed. With 600 poses, 258 controls and a penalty, some weights are poorly known; that part shrinks
 # with more poses. The other part stays: skin folds only beyond a threshold of compression, and a line has no
 # threshold. It takes one slope for all poses, too much where the forehead is still smooth, too little where it is
-# folded. The same goes for lids that meet, and for two controls that do not add up. Compare *linear* in the table
-# above, which had all training poses, with your line in the chart: what is left there is the price of being a line.
+# folded. The same goes for lids that meet, and for two controls that do not add up. What *linear* in the table
+# above has left, with all training poses and the neighbours of its held-out frames, is nearly all of this kind.
 # </details>
 
 # %% [markdown]
