@@ -105,7 +105,7 @@ def fit_picture(
         pictures.append(render([normal_heat(vertices, truth, faces, LIMIT_DEG)], view, width, height))
         mean = float(np.nanmean(normal_error(vertices, truth, faces)))
         titles += [title, "its normal error"] if clay else [title]
-        means.append(f"{title} {mean:.1f}°")
+        means.append(f"{title} {mean:.2f}°")
     figure = panel_grid([pictures], titles, bar=(0, 0, lambda figure, axes: normal_bar(figure, axes, LIMIT_DEG)))
     return figure, Words(
         f"A held-out pose of {rig.name}: the rig, and normal errors as colours; on average: {', '.join(means)}.",
