@@ -174,8 +174,8 @@ def check_bend(bend: Callable, rig: FaceRig) -> None:
     require(abs(ratio - 1 / square) > 1e-3, UNIT)
     require(
         abs(ratio - 1) < 0.5,
-        f"On a parabola yours is {ratio:.2f} times what it should be: the tangent comes from the step h = 0.01, however "
-        "large t is; a chord from `rest` to a face far away is none.",
+        f"On a parabola yours is {ratio:.2f} times what it should be: the tangent comes from the step h = 0.01, "
+        "however large t is; a chord from `rest` to a face far away is none.",
     )
     require(
         abs(ratio - 1) < 1e-3,

@@ -48,7 +48,7 @@ def odd_power(x, below, above):
 LIMITS = {
     "returns nothing": lambda x, below, above: None,
     "must return an array of the shape": lambda x, below, above: float(soft_limit(x, below, above).sum()),
-    "changes its argument": changed,
+    "changes its first argument": changed,
     "no finite number": odd_power,
     "keep its sign": lambda x, below, above: np.abs(soft_limit(x, below, above)),
     "u is -3, beyond the limit of 2": lambda x, below, above: x,
@@ -90,7 +90,7 @@ def small_angle(x, weight, pivot, rotation, translation):
 
 JAWS = {
     "0 / 0": rodrigues,
-    "changes its argument": in_place,
+    "changes its first argument": in_place,
     "must return an array of the shape": lambda x, w, o, r, t: turn_jaw(x, w, o, r, t).T,
     "every vertex by the pivot": lambda x, w, o, r, t: turn_jaw(x, w, o, r, t) - o,
     "the rotation moves them": lambda x, w, o, r, t: turn_jaw(x, 1 + 0 * w, o, r, 0 * t) + w[:, None] * t,
