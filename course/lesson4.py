@@ -77,13 +77,16 @@ def faces(
     return panel_grid([clay, hot], titles, bar=(1, 1, lambda figure, axes: normal_bar(figure, axes, LIMIT_DEG)))
 
 
-def profile(wavelength_mm: float, height_mm: float) -> "matplotlib.figure.Figure":
-    """Return a cut through 40 mm of skin with a wave on it, and what raking light makes of it, seen from above."""
+def profile(wavelength_mm: float, amplitude_mm: float) -> "matplotlib.figure.Figure":
+    """Return a cut through 40 mm of skin with a wave on it, and what raking light makes of it, seen from above.
+
+    amplitude_mm: half of the height from crest to trough.
+    """
     from matplotlib.figure import Figure
 
     x = np.linspace(0, 40, SAMPLES)
     angle = 2 * np.pi * x / wavelength_mm
-    up, slope = height_mm * np.sin(angle), height_mm * 2 * np.pi / wavelength_mm * np.cos(angle)
+    up, slope = amplitude_mm * np.sin(angle), amplitude_mm * 2 * np.pi / wavelength_mm * np.cos(angle)
     normals = np.stack([-slope, np.ones_like(slope)], -1) / np.hypot(slope, 1)[:, None]
     light = np.maximum(normals @ LAMP, 0)
     figure = Figure((3.3, 2.3), dpi=100)
@@ -95,7 +98,7 @@ def profile(wavelength_mm: float, height_mm: float) -> "matplotlib.figure.Figure
     top.set(ylim=(-2, 4), xlim=(0, 40), aspect="equal", yticks=[])
     top.tick_params(bottom=False)
     top.set_title(
-        f"wave of {wavelength_mm:g} mm, {height_mm:g} mm high\n"
+        f"wave of {wavelength_mm:g} mm, {2 * amplitude_mm:g} mm high\n"
         f"{np.abs(up).mean():.2f} mm off, {np.degrees(np.arctan(np.abs(slope))).mean():.1f}°",
         fontsize=9,
     )

@@ -13,29 +13,29 @@ from data_recipes.face_rig import FaceRig
 
 POSES = 20
 NEAR_MM = 1e-4  # single precision, on a head of 200 mm
-IN_PLACE = "Your function changes its argument x; return a new array, for other nodes need the old one."
+IN_PLACE = "Your function changes its first argument; return a new array, for other nodes need the old one."
 NEAR_LIMIT = 2e-6  # the same, on controls about 1
 
 
 def check_soft_limit(soft_limit: Callable, rig: FaceRig) -> None:
     """Require a limit that is silent at rest, knows its sides, and equals the rig's node "limit"."""
     below, above = np.array([0.2, 1.3, 2.0]), np.array([1.3, 1.3, 4.0])
-    x = np.array([0.0, 1.5, -3.0])
-    before = x.copy()
-    u = _array(soft_limit(x, below, above), x.shape, "soft_limit")
-    require((x == before).all(), IN_PLACE)
+    z = np.array([0.0, 1.5, -3.0])
+    before = z.copy()
+    u = _array(soft_limit(z, below, above), z.shape, "soft_limit")
+    require((z == before).all(), IN_PLACE)
     require(np.isfinite(u).all(), "Your u has a value that is no finite number: which root do you take of a negative?")
-    require(u[0] == 0, f"At rest x is 0 and u must be 0, but yours is {u[0]:.3g}: a node is silent at rest.")
-    require(u[2] <= 0, f"At x = −3 your u is {u[2]:.3g}: a control must keep its sign.")
-    require((u >= -below).all() and (u <= above).all(), _beyond(x, u, below, above))
-    small = _array(soft_limit(0.1 * above, below, above), x.shape, "soft_limit")
+    require(u[0] == 0, f"At rest z is 0 and u must be 0, but yours is {u[0]:.3g}: a node is silent at rest.")
+    require(u[2] <= 0, f"At z = −3 your u is {u[2]:.3g}: a control must keep its sign.")
+    require((u >= -below).all() and (u <= above).all(), _beyond(z, u, below, above))
+    small = _array(soft_limit(0.1 * above, below, above), z.shape, "soft_limit")
     slope = float((small / (0.1 * above)).min())
-    require(slope > 0.99, f"Near rest your u is only {slope:.2f} of x: there the limit should change nothing.")
+    require(slope > 0.99, f"Near rest your u is only {slope:.2f} of z: there the limit should change next to nothing.")
     swapped = -soft_limit(np.array([1.0]), np.array([2.0]), np.array([0.5]))
     found = float(soft_limit(np.array([-1.0]), np.array([0.5]), np.array([2.0]))[0])
     require(
         abs(found - swapped[0]) < 1e-9,
-        f"At x = −1 with the limits 0.5 below and 2 above your u is {found:.3f}: take c on the side where x is.",
+        f"At z = −1 with the limits 0.5 below and 2 above your u is {found:.3f}: take c on the side where z is.",
     )
     limits = rig.face.constants["limits"]
     generator = np.random.default_rng([1, len(rig.controls)])
@@ -47,10 +47,10 @@ def check_soft_limit(soft_limit: Callable, rig: FaceRig) -> None:
     passed(f"your limit is silent at rest and equals the rig's node within {off:.1g} on {POSES} wild poses")
 
 
-def _beyond(x: np.ndarray, u: np.ndarray, below: np.ndarray, above: np.ndarray) -> str:
+def _beyond(z: np.ndarray, u: np.ndarray, below: np.ndarray, above: np.ndarray) -> str:
     k = int(np.argmax(np.maximum(u - above, -below - u)))
-    limit = above[k] if x[k] >= 0 else below[k]
-    return f"At x = {x[k]:g} your u is {u[k]:.3g}, beyond the limit of {limit:g} on that side."
+    limit = above[k] if z[k] >= 0 else below[k]
+    return f"At z = {z[k]:g} your u is {u[k]:.3g}, beyond the limit of {limit:g} on that side."
 
 
 def check_turn_jaw(turn_jaw: Callable, rig: FaceRig) -> None:
@@ -88,13 +88,26 @@ def _rest(turn_jaw: Callable, x: np.ndarray, pivot: np.ndarray) -> None:
         "At rest your jaw gives NaN: the angle is 0 there, and sin φ / φ is 0 / 0; its limit is 1.",
     )
     require((x == before).all(), IN_PLACE)
+    require(
+        not np.allclose(np.abs(rested - x), np.abs(pivot), atol=1e-9),
+        "At rest your jaw moves every vertex by the pivot: subtract it before the turn, and add it again after.",
+    )
     off = float(np.abs(rested - x).max())
     require(off < 1e-9, f"At rest your jaw moves a vertex by {off:.2g} mm; a node is silent at rest.")
-    turned = turn_jaw(x, np.zeros(len(x)), pivot, np.array([0.4, 0.0, 0.0]), np.ones(3))
-    require(
-        np.isfinite(turned).all() and np.allclose(turned, x, atol=1e-9),
-        "Vertices of weight 0 belong to the skull and must stay where they are, without NaN.",
-    )
+    motions = {
+        "translation": (still, np.ones(3), "multiply t by w, too"),
+        "rotation": (np.array([0.4, 0.0, 0.0]), still, "turn by q = w·r, not by r"),
+    }
+    for name, (rotation, translation, cure) in motions.items():
+        turned = turn_jaw(x, np.zeros(len(x)), pivot, rotation, translation)
+        require(
+            np.isfinite(turned).all(),
+            "Vertices of weight 0 become NaN: their angle is 0, and sin φ / φ is 0 / 0; its limit is 1.",
+        )
+        require(
+            np.allclose(turned, x, atol=1e-9),
+            f"Vertices of weight 0 belong to the skull, but the {name} moves them in yours: {cure}.",
+        )
     require((x == before).all(), IN_PLACE)
 
 
@@ -152,26 +165,62 @@ def check_bend(bend: Callable, rig: FaceRig) -> None:
     def parabola(p: np.ndarray) -> np.ndarray:
         return straight(p) + curve * float(p @ direction) ** 2
 
-    first = _array(bend(straight, rest, direction, 0.5), (6, 3), "bend")
-    whole = straight(rest + 0.5 * direction) - straight(rest)
+    _line(bend, straight, rest, direction)
+    t = 0.25
+    square = float(direction @ direction)
+    exact = (t * square) ** 2 * curve
+    ratio = float((bend(parabola, rest, direction, t) * exact).sum() / (exact * exact).sum())
+    require(abs(ratio + 1) > 1e-3, "Yours has the wrong sign: b(t) is the face minus its tangent.")
+    require(abs(ratio - 1 / square) > 1e-3, UNIT)
     require(
-        not np.allclose(first, whole, atol=1e-6),
-        "Yours is how far the face moves: take off t times the tangent, too.",
+        abs(ratio - 1) < 0.5,
+        f"On a parabola yours is {ratio:.2f} times what it should be: the tangent comes from the step h = 0.01, "
+        "however large t is; a chord from `rest` to a face far away is none.",
     )
-    require(
-        np.abs(first).max() < 1e-6,
-        f"On a face that is linear in its controls nothing is left, but yours leaves {np.abs(first).max():.2g} mm: "
-        "the tangent belongs to `rest` and `direction`, as they are given, and is multiplied by t.",
-    )
-    square = float(direction @ direction) ** 2
-    exact = 0.25**2 * square * curve
-    ratio = float((bend(parabola, rest, direction, 0.25) * exact).sum() / (exact * exact).sum())
     require(
         abs(ratio - 1) < 1e-3,
         f"On a parabola yours is {ratio:.2f} times what it should be: take the difference on both sides of `rest`; on "
         "one side it sees the bend itself, and the smaller its step, the more it sees of single precision.",
     )
     _same_as_the_jaw(bend, rig)
+
+
+UNIT = "Your direction is divided by its length: take it as it is given, for t counts in its lengths."
+
+
+def _line(bend: Callable, straight: Callable, rest: np.ndarray, direction: np.ndarray) -> None:
+    """Require that nothing is left of a face that is linear in its controls."""
+    t = 0.4
+    start = straight(rest)
+    first, whole = (
+        _array(bend(straight, rest, direction, t), start.shape, "bend"),
+        straight(rest + t * direction) - start,
+    )
+    left = float((first * whole).sum() / (whole * whole).sum())  # in units of the whole motion
+    if np.allclose(first, left * whole, atol=1e-6):
+        require(abs(left - 1) > 1e-6, "Yours is how far the face moves: take off t times the tangent, too.")
+        require(abs(left - 1) > 1e-3, "`/ 2 * h` divides by 2 and then multiplies by h: write `/ (2 * h)`.")
+        require(
+            abs(left + 1) > 1e-3, "Your tangent is twice too long: both sides are 2h apart, so divide by `(2 * h)`."
+        )
+        require(abs(left - 0.5) > 1e-3, "Your tangent is half too short: divide by 2h only what lies on both sides.")
+        require(
+            abs(left - 2) > 1e-3,
+            "Yours adds the tangent: put brackets around (r(p₀) + t V̇) before you take it off, and take the face at "
+            "−h off the one at +h.",
+        )
+        require(abs(left - 1 + 1 / t) > 1e-3, "Your tangent lacks the factor t.")
+        require(abs(left - 1 + 1 / np.linalg.norm(direction)) > 1e-3, UNIT)
+    require(
+        np.abs(first).max() < 5 * np.abs(np.stack([start, whole])).max(),
+        f"On a face that is linear in its controls yours leaves {np.abs(first).max():.2g} mm: put brackets around the "
+        "difference before you divide it by (2 * h).",
+    )
+    require(
+        np.abs(first).max() < 1e-6,
+        f"On a face that is linear in its controls nothing is left, but yours leaves {np.abs(first).max():.2g} mm: "
+        "the tangent belongs to `rest` and `direction`, as they are given, and is multiplied by t.",
+    )
 
 
 def _same_as_the_jaw(bend: Callable, rig: FaceRig) -> None:

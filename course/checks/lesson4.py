@@ -36,6 +36,7 @@ def _kept(answer: Callable, *arguments) -> object:
 # A right angle's corner in the plane z = 0, seen from +z counter-clockwise, and a face that has shrunk to a line.
 CORNERS = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 1], [4, 0, 0]], np.float64)
 FACES = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 4]], np.int32)
+TETRAHEDRON = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]], np.int32)  # of the first four corners
 
 
 def check_normals(answer: Callable) -> None:
@@ -44,6 +45,13 @@ def check_normals(answer: Callable) -> None:
     require(
         normals.shape == (3, 3),
         f"Expected one normal (x, y, z) for each of the 3 faces, the shape (3, 3), got {normals.shape}.",
+    )
+    corners = np.asarray(_kept(answer, CORNERS, TETRAHEDRON))
+    vectors = np.cross(*(CORNERS[TETRAHEDRON[:, k]] - CORNERS[TETRAHEDRON[:, 0]] for k in (1, 2)))
+    require(
+        not np.allclose(corners, vectors / np.linalg.norm(vectors, axis=0)),
+        "Yours divides each column (all x, all y, all z) by its length: a normal is a row, so take the norm "
+        "by axis=1 and keepdims=True.",
     )
     require(
         not np.isnan(normals).any(),
@@ -111,6 +119,12 @@ def _number(answer: Callable, predicted: np.ndarray, target: np.ndarray, faces: 
 
 
 def _check_plain_angles(answer: Callable) -> None:
+    square = _number(answer, CORNERS, CORNERS, FACES[:2])
+    require(
+        abs(square - 45) > 1,
+        "Two faces at right angles, compared with themselves, give 45°: compare row by row, (a * b).sum(axis=1); "
+        "a @ b.T compares each face with every other one.",
+    )
     record = _teen()
     truth = record.vertices[TRUTH]
     same = _number(answer, truth, truth, record.faces)
@@ -142,7 +156,21 @@ def _check_plain_angles(answer: Callable) -> None:
         "A large face counts more than a small one in yours: in Eq. 11 each counts once; make normals unit "
         "vectors before you compare them.",
     )
+    require(
+        abs(half - np.degrees(np.arccos((1 + np.cos(np.radians(30))) / 2))) > 0.1,
+        f"One face of two tilted by 30° gives {half:.1f}°, expected 15°: take arccos of each face's cosine first "
+        "and the mean last.",
+    )
     require(abs(half - 15) < SLACK_DEG, f"One face of two tilted by 30° gives {half:.2f}°: expected 15°.")
+    upright = flat.copy()
+    upright[2] = (0.5, 0, 1)  # the small face: its cosine is exactly 0
+    right = _number(answer, upright, flat, HINGE)
+    require(
+        right > 1,
+        "A face tilted by 90° is left out in yours: its cosine is 0, too; faces without area are those with a zero "
+        "normal, so ask `.any(axis=1)` of each mesh's normals.",
+    )
+    require(abs(right - 45) < SLACK_DEG, f"One face of two tilted by 90° gives {right:.2f}°: expected 45°.")
     over = flat[:, [1, 0, 2]]  # mirrored: the face is seen from behind
     behind = _number(answer, over, flat, lone)
     require(
@@ -163,7 +191,7 @@ def _check_faces_without_area(answer: Callable) -> None:
         )
         require(
             abs(given - 15) > 1 and abs(given - 60) > 1,
-            f"A face without area in the {which} mesh counts as {2 * given - 30:.0f}°: leave it out of the sum and "
+            f"A face without area in the {which} mesh counts as {round(2 * given - 30)}°: leave it out of the sum and "
             "of f, as Eq. 11 does.",
         )
         require(abs(given - 30) < SLACK_DEG, f"With a face without area left out expected 30°, got {given:.2f}°.")
@@ -179,6 +207,7 @@ def check_pair(answer: Callable) -> None:
     for vertices, distance in ((record.vertices[TRUTH], 0.3), (record.neutral, 0.1)):
         degrees = _degrees_of_pair(answer, vertices, record.faces, distance)
         smooth, rippled = degrees
+        require(smooth < RATIO * rippled, "Yours come the other way round: `return smooth, rippled`, in this order.")
         require(
             rippled >= RATIO * smooth,
             f"At {distance} mm your rippled surface has {rippled:.2f}° and your smooth one {smooth:.2f}°, expected "
@@ -190,7 +219,7 @@ def check_pair(answer: Callable) -> None:
             "yours shorter.",
         )
     ratio = "over a thousand" if rippled > 1000 * smooth else f"{rippled / smooth:.0f}"
-    passed(f"0.1 mm each: {smooth:.2f}° and {rippled:.2f}°, {ratio} times as much, and no ruler can tell")
+    passed(f"0.1 mm each: {smooth:.2f}° and {rippled:.2f}°, {ratio} times as much, and the mean distance can't tell")
 
 
 def _degrees_of_pair(answer: Callable, vertices: np.ndarray, faces: np.ndarray, distance: float) -> tuple[float, float]:
@@ -205,6 +234,11 @@ def _degrees_of_pair(answer: Callable, vertices: np.ndarray, faces: np.ndarray, 
             "needs [:, None] to multiply normals (n, 3).",
         )
         require(np.isfinite(surface).all(), f"Your {name} surface has numbers that are not finite.")
+        sizes = np.linalg.norm(surface.astype(float), axis=1)
+        require(
+            sizes.max() > 2 * LARGEST * distance,
+            f"Your {name} surface is the offsets alone, at most {sizes.max():.2g} mm from the origin: add `vertices`.",
+        )
         moved = vertex_error(surface, vertices)
         mean, root = float(moved.mean(dtype=float)), float(np.sqrt((moved.astype(float) ** 2).mean()))
         require(

@@ -1,14 +1,15 @@
 # %% [markdown]
 # # Lesson 1: What a rig is
 #
-# **45 minutes. You need** linear algebra and NumPy. **Afterwards you can**
+# **60 minutes. You need** linear algebra and NumPy. **Afterwards you can**
 #
 # - read a face rig as a chain of deformers that share one state,
 # - write two of its nodes, a soft limit and a jaw, so that they are silent at rest,
 # - measure where a face stops being linear in its controls, and tell a curve from a kink.
 #
 # **The question: what happens between a slider and a face?** The whole course is about replacing that something by
-# something faster. So let us see first what we replace.
+# something faster, as Bailey and others did in *Fast and Deep Facial Deformations* (2020), which we call *the paper*.
+# So let us see first what they replaced.
 
 # %%
 import numpy as np
@@ -67,24 +68,25 @@ print("the chain:", " → ".join(node.name for node in rig.nodes))
 # ## The first node: soft limits
 #
 # An animator's slider ends at 1. The paper's training poses don't: its Eq. 5 multiplies controls by random factors up
-# to 3. A rig has to bear that, so the first node bends each control towards a limit. With $x = p - p_\text{default}$,
+# to 3. A rig has to bear that, so the first node bends each control towards a limit. With $z = p - p_\text{default}$,
 #
-# $$u = \frac{x}{\left(1 + (x/c)^6\right)^{1/6}}, \qquad
-# c = \begin{cases} c_\text{below} & x < 0 \\ c_\text{above} & x \ge 0 \end{cases}$$
+# $$u = \frac{z}{\left(1 + (z/c)^6\right)^{1/6}}, \qquad
+# c = \begin{cases} c_\text{below} & z < 0 \\ c_\text{above} & z \ge 0 \end{cases}$$
 #
-# Every deformer has to be **silent at rest**: nothing in, nothing out. Here $x = 0$ gives $u = 0$, and near 0 the
-# node changes nothing at all.
+# Every deformer has to be **silent at rest**: nothing in, nothing out. Here $z = 0$ gives $u = 0$, and near 0 the
+# node changes next to nothing: what it takes away grows with the sixth power of $z/c$. With $c = 0.156$, a control at
+# −0.1 loses 1 %.
 
 
 # %% exercise="soft_limit"
-def soft_limit(x, below, above):
+def soft_limit(z, below, above):
     """Return the controls u, bent towards their limits by the formula above.
 
-    x: (m,) controls without their defaults. below, above: (m,) the limits c on each side, both positive numbers.
+    z: (m,) controls without their defaults. below, above: (m,) the limits c on each side, both positive numbers.
     """
     ### BEGIN SOLUTION
-    c = np.where(x < 0, below, above)
-    return x / (1 + (x / c) ** 6) ** (1 / 6)
+    c = np.where(z < 0, below, above)
+    return z / (1 + (z / c) ** 6) ** (1 / 6)
     ### END SOLUTION
 
 
@@ -92,8 +94,14 @@ def soft_limit(x, below, above):
 check_soft_limit(soft_limit, rig)
 
 # %% [markdown]
-# **Try.** What is $u$ of a control that can't go below 0, say `jaw_open`, at $x = -1$? Ask your function with
-# `rig.face.constants["limits"]`. Then say why riggers leave a control a little slack on its closed side.
+# **Try.** The slider `jaw_open` ends at 0, with the lips closed. What is $u$ of it at $z = -1$? Its limits are these:
+#
+# ```python
+# k = [control.name for control in rig.controls].index("jaw_open")
+# below, above = (rig.face.constants["limits"][side][k] for side in ("below", "above"))
+# ```
+#
+# You get a little less than 0: pressed lips. Why do riggers leave a control some slack on its closed side?
 
 # %% [markdown]
 # ## The jaw
@@ -157,8 +165,9 @@ words = Words("The teen with an open jaw, three times.", "The teen with your sof
 move(draw, {"jaw_open": (0, 3, 0.4), "smile": (0, 1, 0)}, STILLS, words)
 
 # %% [markdown]
-# **Try.** Switch the limit off, with `mine["limit"] = lambda constants, state: state`, and draw jaw 2 and 3 again.
-# What gives way first? (Run the cell above once more to switch it on.)
+# **Try.** Switch the limit off, with `mine["limit"] = lambda constants, state: state`, and draw jaw 2 and 3: by the
+# slider, or by `draw(2, 0.8)` in a cell of its own. What gives way first? (`mine = student_nodes(soft_limit, turn_jaw)`
+# switches it on again: do that before you go on.)
 #
 # ## Where it bends
 #
@@ -170,7 +179,8 @@ move(draw, {"jaw_open": (0, 3, 0.4), "smile": (0, 1, 0)}, STILLS, words)
 # \dot{\mathbf V} \approx \frac{r(\mathbf p_0 + h\,\mathbf d) - r(\mathbf p_0 - h\,\mathbf d)}{2h}, \quad h = 0.01.$$
 #
 # A *smooth* function leaves a quarter of $\mathbf b$ each time that $t$ is halved (Taylor). Half of it remains at a
-# *kink*, where no tangent fits. That is how you tell them apart.
+# *kink*, where no tangent fits. If the kink is rounded, or lies a little beside $\mathbf p_0$, you see more than a
+# quarter for $t$ beyond it, and a sudden drop at its place. That is how you tell them apart.
 
 
 # %% exercise="bend"
@@ -209,7 +219,7 @@ def mean_bends(function, amounts):
 
 
 # %%
-SIZES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1)
+SIZES = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1)  # further down, single precision is seen
 curves = {
     "jaw": mean_bends(face, {"jaw_open": 1}),
     "jaw, no lip contact": mean_bends(loose, {"jaw_open": 1}),
@@ -219,9 +229,11 @@ curves = {
 show(*bend_chart(SIZES, curves))
 
 # %% [markdown]
-# **Look.** Without contact the jaw is a curve as Taylor has it: a quarter each time. With contact it has a kink *at
-# rest*: closed lips stick to each other in one direction and part in the other. Raised brows start as a curve, too;
-# then the forehead folds, and the folds deepen less and less.
+# **Look.** Without contact the jaw is a curve as Taylor has it: a quarter each time. With contact it has a **rounded
+# kink** at $t$ of about 0.02 to 0.1: at first the closed lips move as if nothing were between them, then they
+# part, and from there on each is on its own. Above that place 0.35 to 0.42 remains each time; below it, the
+# bend falls by more than Taylor's quarter, for the kink no longer adds to it. Raised brows start as a curve, too; near
+# $t = 1/16$ the forehead begins to fold, and the folds deepen less and less.
 #
 # ## Two sliders at once
 #
@@ -234,19 +246,22 @@ show(*bend_chart(SIZES, curves))
 # than a smile plus an open mouth.
 
 # %%
+# the teen's defaults are all 0, so p0 + a is a itself
 rest, a, b = rig.default, pose_params(rig, {"jaw_open": 0.8}), pose_params(rig, {"smile_*": 0.8})
 surplus = face(a + b) - face(a) - face(b) + face(rest)
 jaw, brows = pose_params(rig, {"jaw_open": 1}), pose_params(rig, BROWS_UP)
 views = {
-    "jaw: bend": (face(rest + jaw), bend(face, rest, jaw, 1)),
+    "jaw, no contact: bend": (loose(rest + jaw), bend(loose, rest, jaw, 1)),
     "brows up: bend": (face(rest + brows), bend(face, rest, brows, 1)),
     "jaw + smile: surplus": (face(a + b), surplus),
 }
 show(*heat_row(rig, views))
 
 # %% [markdown]
-# **Look.** The three faces bend in three ways: an arc, folds above a threshold, and a product of controls. Lesson 2
-# asks how much of that a straight line can still catch.
+# **Look.** The jaw turns along an arc (drawn `loose`: with contact, the lips alone would fill the scale). The two
+# patches over the raised brows are there without the node *wrinkles*, too: skin slides along the curved skull, and soft
+# limits do their part. Only the lines on the forehead are folds. On the right, two controls are multiplied. Lesson 2
+# asks how much of all that a straight line can still catch.
 
 # %% [markdown] think="order"
 # **Think.** Wrinkles run after jaw, lids and flesh, but before the node *head shape*, which squashes and stretches

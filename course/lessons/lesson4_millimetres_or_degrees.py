@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Lesson 4: Millimetres or degrees
 #
-# **45 minutes. You need** lesson 1, the cross product, and from lesson 3 what skinning is. **Afterwards you can**
+# **60 minutes. You need** lesson 1, the cross product, and from lesson 3 what skinning is. **Afterwards you can**
 #
 # - compute the normal error of Eq. 11, also where faces have no area;
 # - say how many degrees a ripple of some height and length costs;
-# - build two faces that a ruler can't tell apart, and the eye can.
+# - build two faces that the mean distance can't tell apart, and the eye can.
 #
 # **The question.** Two approximations of one face, and one of them is nearer in millimetres. Is it the one you would
 # ship?
@@ -121,7 +121,9 @@ check_angle(mean_angle)
 
 # %% [markdown]
 # **Look.** Here are A and B again, with your number. Above is the clay; below, each triangle has the colour of its
-# own angle, as Figure 10 of the paper draws errors. Did you choose by the ruler or by the protractor?
+# own angle, as Figure 10 of the paper draws errors. Did you choose by the ruler or by the protractor? (Where the title
+# says LBS, that is the skinning of lesson 3, and it has an advantage: its bones are fitted to the very pose that is
+# shown. The other methods have never seen it.)
 
 
 # %%
@@ -140,16 +142,17 @@ show(faces(pose, shown, heat=True, camera="front"), about)
 # ## What a ripple costs
 #
 # Take flat skin and press a wave into it: $h(x) = a\,\sin(2\pi x/\lambda)$, with the length $\lambda$ from crest to
-# crest. Below you see it cut through, with its normals in blue; the strip is the same skin from above, lit from the
-# right. All three waves are equally high, so a ruler finds them equally wrong.
+# crest and the amplitude $a$. How *high* a wave is, or how deep, we count from crest to trough: $2a$. Below you see it
+# cut through, with its normals in blue; the strip is the same skin from above, lit from the right. All three waves are
+# equally high, so a ruler finds them equally wrong.
 
 # %%
-stills = [{"wavelength_mm": length, "height_mm": 0.5} for length in (40, 15, 5)]
+stills = [{"wavelength_mm": length, "amplitude_mm": 0.5} for length in (40, 10, 5)]
 about = Words(
     "Three waves of equal height: the shorter, the stronger the shading.",
     "A wave, and what the eye gets of it.",
 )
-move(profile, {"wavelength_mm": (3, 40, 10), "height_mm": (0, 1, 0.5)}, stills, about)
+move(profile, {"wavelength_mm": (3, 40, 10), "amplitude_mm": (0, 1, 0.5)}, stills, about)
 
 # %% [markdown]
 # **Try.** In a running notebook, move the sliders until the strip looks smooth to you. Then read off the degrees.
@@ -163,15 +166,16 @@ move(profile, {"wavelength_mm": (3, 40, 10), "height_mm": (0, 1, 0.5)}, stills, 
 # A full turn, times the distance, over the wave's length. Millimetres do not ask how long a wave is; degrees do.
 
 # %% [markdown] think="ruler"
-# **Think.** A crow's foot is a row of folds, perhaps 0.2 mm deep and 3 mm apart. One network moves the whole cheek by
-# 0.2 mm. Another has the cheek right and irons the folds flat. Which has the larger error, by the ruler and by the
-# protractor?
+# **Think.** A crow's foot is a row of folds, perhaps 0.2 mm from crest to trough and 3 mm apart. One network moves
+# the whole cheek by 0.2 mm. Another has the cheek right and irons the folds flat. Which has the larger error, by the
+# ruler and by the protractor?
 # <details><summary>Answer</summary>
 #
 # By the ruler, the first: all of the cheek is off, and the folds cover few vertices. By the protractor, the second: a
-# cheek that is shifted as a whole keeps all its normals and costs about 0°, while at the folds, some 0.1 mm off, the
-# formula gives about 12°. The loss of Eq. 1 has both terms for that reason. Mind the other direction, too: a face
-# that floats a metre beside its head has a normal error of 0°. Neither number alone says that a face is right.
+# cheek that is shifted as a whole keeps all its normals and costs about 0°. The folds have the amplitude 0.1 mm, so
+# at them the ironed skin is 0.06 mm off in the mean, and the formula gives about 8°. The loss of Eq. 1 has both terms
+# for that reason. Mind the other direction, too: a face that floats a metre beside its head has a normal error of 0°.
+# Neither number alone says that a face is right.
 # </details>
 
 # %% [markdown]
@@ -183,7 +187,8 @@ move(profile, {"wavelength_mm": (3, 40, 10), "height_mm": (0, 1, 0.5)}, stills, 
 # - **rippled**, so that they turn at least ten times as much.
 #
 # You get the unit normals of vertices; moving along them is natural, but you need not. Nothing may stick out: no
-# vertex moves by more than five times the mean distance. One hint: the vertices of this forehead are 2 to 4 mm apart,
+# vertex moves by more than five times the mean distance. A shift of the whole face counts as smooth, and noise as
+# rippled, for networks make both errors; but try a wave. One hint: the vertices of this forehead are 2 to 4 mm apart,
 # and a wave needs a few of them.
 
 
@@ -209,7 +214,8 @@ def pair(vertices, normals, distance_mm):
 check_pair(pair)
 
 # %% [markdown]
-# **Look.** Your two faces. Cover the titles: could you have told them apart with a ruler?
+# **Look.** Your two faces. Cover the titles: which is which? Their mean distances are equal; a ruler that asks for more
+# than the mean, such as the farthest vertex, or in or out, may tell them apart.
 
 # %%
 from replicate.geometry.mesh import vertex_normals
@@ -225,13 +231,36 @@ show(faces(pose, shown, heat=True), about)
 
 # %% [markdown]
 # **Try.** Halve the length of your wave, again and again. The formula promises twice the degrees each time. Where
-# does the mesh stop keeping that promise, and what does the forehead look like then?
+# does the mesh stop keeping that promise, and what does the forehead look like then? Guess first; then run this.
+
+
+# %%
+def waved(length_mm, distance_mm=0.3):
+    wave = np.sin(2 * np.pi * truth[:, 1] / length_mm)
+    along = vertex_normals(truth, triangles)
+    return truth + distance_mm * (wave / np.abs(wave).mean())[:, None] * along
+
+
+for length in (40, 20, 10, 5, 2.5):
+    found = mean_angle(waved(length), truth, triangles)
+    print(f"{length:4} mm: {found:4.1f}°, by the formula {360 * 0.3 / length:4.1f}°")
+
+# %% [markdown]
+# Long waves cost a little less than promised: where skin turns away from the vertical, the same wave is longer on it.
+# Short ones fall between
+# the vertices: what is left is noise of the mesh's own length, however short a wave you ask for.
 #
 # ## Where real methods stand
 #
-# Every mark is a method in one of three stored test poses, measured by your functions. Each grey line belongs to
-# waves of one length: on it, $E_{\text{normal}} = 360^\circ\,E_{\text{distance}}/\lambda$. So you can read off how
-# long the waves are that a method gets wrong, whatever their height.
+# Every mark is a method in one of three stored test poses, measured by your functions. *Linear* is a straight line from
+# controls to vertices, as in lesson 2. *Dense* and *Refined* are networks of the paper: one computes vertices from
+# controls, the other images of offsets, part of them at a finer resolution (lessons 5 and 6). *Regional* is this
+# suite's own method: small networks, each for a region of the face.
+#
+# Each grey line belongs to waves of one length: on it, $E_{\text{normal}} = 360^\circ\,E_{\text{distance}}/\lambda$. So
+# the chart gives every method an **equivalent length**: that of the one wave along the normals that would cost as many
+# millimetres and degrees. A real error is a mixture. A ripple plus a shift of the whole face reads as a longer wave,
+# though the ripple is the same.
 
 # %%
 RULES = ("folded", "median", "worst")
@@ -244,8 +273,16 @@ show(chart(poses, mean_distance, mean_angle, waves_mm=(12, 40, 120, 400)), about
 
 # %% [markdown]
 # **Look.** Sort the methods by one axis, then by the other. Which of them trade places? Find the same method in all
-# three poses: is it its errors' height that changes, or their length? And which axis would you ask for, if you could
-# have only one?
+# three poses: is it its errors' size that changes, or their equivalent length? And which axis would you ask for, if you
+# could have only one?
+# <details><summary>Answer</summary>
+#
+# Methods trade places where a line through two marks falls to the right: there the one with fewer millimetres has more
+# degrees, as A against B at the start of the lesson. A mark that moves along a grey line has
+# errors of the same kind, only larger; one that moves to the right of it has errors with more of a shift in them, as a
+# network whose jaw is not quite open enough. For folds in raking light ask for degrees, for an eye that has to close on
+# its lid or a hand that touches the cheek for millimetres. With only one of the two you know neither.
+# </details>
 #
 # ## Go further
 #

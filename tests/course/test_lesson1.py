@@ -48,11 +48,11 @@ def odd_power(x, below, above):
 LIMITS = {
     "returns nothing": lambda x, below, above: None,
     "must return an array of the shape": lambda x, below, above: float(soft_limit(x, below, above).sum()),
-    "changes its argument": changed,
+    "changes its first argument": changed,
     "no finite number": odd_power,
     "keep its sign": lambda x, below, above: np.abs(soft_limit(x, below, above)),
     "u is -3, beyond the limit of 2": lambda x, below, above: x,
-    "only 0.91 of x": lambda x, below, above: x / (1 + np.abs(x) / np.where(x < 0, below, above)),
+    "only 0.91 of z": lambda x, below, above: x / (1 + np.abs(x) / np.where(x < 0, below, above)),
     "u is -2.99, beyond the limit": lambda x, below, above: x / (1 + (x / (below + above)) ** 6) ** (1 / 6),
     "off the rig's node": lambda x, below, above: x / (1 + (x / np.where(x < 0, below, above)) ** 8) ** (1 / 8),
 }
@@ -90,8 +90,12 @@ def small_angle(x, weight, pivot, rotation, translation):
 
 JAWS = {
     "0 / 0": rodrigues,
-    "changes its argument": in_place,
+    "changes its first argument": in_place,
     "must return an array of the shape": lambda x, w, o, r, t: turn_jaw(x, w, o, r, t).T,
+    "every vertex by the pivot": lambda x, w, o, r, t: turn_jaw(x, w, o, r, t) - o,
+    "the rotation moves them": lambda x, w, o, r, t: turn_jaw(x, 1 + 0 * w, o, r, 0 * t) + w[:, None] * t,
+    "the translation moves them": lambda x, w, o, r, t: turn_jaw(x, w, o, r, 0 * t) + t,
+    "weight 0 become NaN": lambda x, w, o, r, t: turn_jaw(x, np.where(w > 0, w, np.nan), o, r, t),
     "The pivot itself moves": lambda x, w, o, r, t: turn_jaw(x, w, 0 * o, r, t),
     "changes distances": small_angle,
     "opens upwards": lambda x, w, o, r, t: turn_jaw(x, w, o, -r, t),
@@ -115,7 +119,47 @@ def tangent(low, high):
     return answer
 
 
+def scaled(factor):
+    """Return an answer whose velocity is wrong by a factor."""
+
+    def answer(face, rest, direction, t):
+        start = face(rest)
+        velocity = (face(rest + 0.01 * direction) - face(rest - 0.01 * direction)) / 0.02
+        return face(rest + t * direction) - (start + t * factor * velocity)
+
+    return answer
+
+
+def a_bracket_short(face, rest, direction, t):
+    h = 0.01
+    velocity = face(rest + h * direction) - face(rest - h * direction) / (2 * h)
+    return face(rest + t * direction) - (face(rest) + t * velocity)
+
+
+def along_unit(face, rest, direction, t):
+    unit = direction / np.linalg.norm(direction)
+    velocity = (face(rest + 0.01 * unit) - face(rest - 0.01 * unit)) / 0.02
+    return face(rest + t * direction) - (face(rest) + t * velocity)
+
+
+def chord(face, rest, direction, t):
+    return face(rest + t * direction) - (face(rest) + t * (face(rest + direction) - face(rest)))
+
+
 BENDS = {
+    "write `/ \\(2 \\* h\\)`": scaled(0.01**2),
+    "twice too long": scaled(2),
+    "half too short": scaled(0.5),
+    "Yours adds the tangent": scaled(-1),
+    "lacks the factor t": lambda face, rest, direction, t: scaled(1 / t)(face, rest, direction, t),
+    "brackets around the difference": a_bracket_short,
+    "divided by its length": along_unit,
+    "for t counts in its lengths": lambda face, rest, direction, t: bend(
+        face, rest, direction / np.linalg.norm(direction), t
+    ),
+    "wrong sign": lambda face, rest, direction, t: -bend(face, rest, direction, t),
+    "a chord from `rest`": chord,
+    "however large t is": lambda face, rest, direction, t: 0 * face(rest),
     "how far the face moves": lambda face, rest, direction, t: face(rest + t * direction) - face(rest),
     "is multiplied by t": lambda face, rest, direction, t: bend(face, rest, direction, t) + (1 - t) * face(rest),
     "shape": lambda face, rest, direction, t: np.linalg.norm(bend(face, rest, direction, t), axis=1),

@@ -46,6 +46,12 @@ def divided_by_all(vertices, faces):
     return vectors / np.linalg.norm(vectors)
 
 
+def divided_by_columns(vertices, faces):
+    vectors = raw(vertices, faces)
+    lengths = np.linalg.norm(vectors, axis=0) + np.zeros_like(vectors)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+
+
 def with_nan(vertices, faces):
     vectors = raw(vertices, faces)
     with np.errstate(invalid="ignore"):
@@ -63,6 +69,7 @@ def in_place(vertices, faces):
         (raw, "divide each cross product by its own length"),
         (divided_by_all, "divide each row by its own length"),
         (with_nan, "face without area gives NaN"),
+        (divided_by_columns, "divides each column"),
         (in_place, "changes its argument"),
         (lambda vertices, faces: -normals(vertices, faces), "point inwards"),
         (lambda vertices, faces: normals(vertices, faces).T[:2], r"got \(2, 3\)"),
@@ -104,6 +111,29 @@ def looks_at_one_mesh_only(predicted, target, faces):
     return float(angles(normals(predicted, faces)[kept], theirs[kept]).mean())
 
 
+def pairs_of(predicted, target, faces):
+    """Each face with every other one; on a large mesh a matrix that nobody has room for."""
+    assert len(faces) < 100
+    return float(np.degrees(np.arccos(np.clip(normals(predicted, faces) @ normals(target, faces).T, -1, 1))).mean())
+
+
+def of_mean_cosine(predicted, target, faces):
+    ours, theirs = normals(predicted, faces), normals(target, faces)
+    kept = ours.any(1) & theirs.any(1)
+    return float(np.degrees(np.arccos(np.clip((ours * theirs).sum(1)[kept].mean(), -1, 1))))
+
+
+def drops_cosines_of_zero(predicted, target, faces):
+    cosine = (normals(predicted, faces) * normals(target, faces)).sum(1)
+    return float(np.degrees(np.arccos(np.clip(cosine[cosine != 0], -1, 1))).mean())
+
+
+def counts_as_zero(predicted, target, faces):
+    ours, theirs = normals(predicted, faces), normals(target, faces)
+    kept = ours.any(1) & theirs.any(1)
+    return float(np.where(kept, angles(ours, theirs), 0).mean())
+
+
 def blind_to_sides(predicted, target, faces):
     return min(angle(predicted, target, faces), 180 - angle(predicted, target, faces))
 
@@ -117,6 +147,10 @@ def blind_to_sides(predicted, target, faces):
         (keeps_faces_without_area, "area in the predicted mesh counts as 90°"),
         (looks_at_one_mesh_only, "area in the predicted mesh counts as 90°"),
         (blind_to_sides, "absolute value"),
+        (pairs_of, "row by row"),
+        (of_mean_cosine, "of each face's cosine first"),
+        (drops_cosines_of_zero, "tilted by 90° is left out"),
+        (counts_as_zero, "mesh counts as 0°"),
         (lambda predicted, target, faces: np.radians(angle(predicted, target, faces)), "that is radians"),
         (lambda predicted, target, faces: np.cos(np.radians(angle(predicted, target, faces))), "expected 0°"),
         (lambda predicted, target, faces: angles(normals(predicted, faces), normals(target, faces)), "one number"),
@@ -164,6 +198,8 @@ def one_spike(vertices):
         (lambda vertices, along, distance: pair(vertices, along, distance)[1], "Expected two surfaces"),
         (lambda vertices, along, distance: (vertices, along[:5]), "smooth surface is 0 mm off"),
         (faint, "a wave of 36 mm"),
+        (lambda vertices, along, distance: pair(vertices, along, distance)[::-1], "the other way round"),
+        (lambda vertices, along, distance: (distance * along, distance * along), "the offsets alone"),
         (lambda vertices, along, distance: (vertices + distance * AHEAD, along[:, 0]), r"needs \[:, None\]"),
     ],
 )
