@@ -124,11 +124,14 @@ class Plan:
     base: the method of Table 2 that yours is compared with, such as "dense".
     changes: what mine.py does otherwise, a string for each thing.
     metric: "normal_error_mean" or "vertex_error_mean".
-    least_effect: your error over the base's has to be at most this, or the change is not worth it.
+    least_effect: your error over the base's has to be at most this, or the change is not worth it; above 1, at least
+        this, if you expect a larger error.
     characters: names of Table 2. seeds: whole numbers, the same for both methods.
     chosen_on: the poses by which you choose steps, widths and so on: "training", "validation" or "test".
     beside: methods that need no network and stand in the table, too.
-    command: the line that runs it all.
+    command: the line that runs it all, its characters and seeds those of the plan, such as
+
+        make table2 METHODS="dense linear mine.py neutral" CHARACTERS="teen woman" SEED="0 1 2"
     """
 
     hypothesis: str
@@ -168,7 +171,6 @@ def seeds_chart(
             )
         axes.set(title=character, xlabel="degrees", ylim=(len(methods) - 0.5, -0.5))
         axes.set_yticks(range(len(methods)), [method_named(method).label for method in methods])
-        axes.set_xlim(0, 1.1 * max(max(each.values()) for each in errors.values()))
         tidy(axes)
         enlarge(axes, 13)
         means = (f"{method_named(method).label} {np.mean([*each.values()]):.2f}°" for method, each in errors.items())
