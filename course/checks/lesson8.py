@@ -289,9 +289,10 @@ def check_plan(plan: Callable) -> None:
     require(set(made.beside) & set(TRIVIAL), sentence)
     _check_effect(made, metrics[made.metric])
     _check_command(made)
+    bound = "at most" if made.least_effect < 1 else "at least"
     where, seeds = " and ".join(made.characters), ", ".join(map(str, made.seeds))
     passed(
-        f"it holds if your {made.metric} is at {'most' if made.least_effect < 1 else 'least'} {made.least_effect:g} × that of {made.base} on {where}, and the "
+        f"it holds if your {made.metric} is {bound} {made.least_effect:g} × that of {made.base} on {where}, and the "
         f"difference exceeds twice its spread over seeds {seeds}; seal {lesson8.seal(made)}"
     )
 
