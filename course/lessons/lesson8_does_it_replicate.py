@@ -107,7 +107,8 @@ show(*claim_chart(run.ours, run.paper, "C1"))
 
 # %% [markdown]
 # **Look.** On which characters would an animator see the difference between coarse and refined? (The last two stand
-# for none of the paper's, and tell something else than the first four.) So always say both: whether (the verdict, with its
+# for none of the paper's, and tell something else than the first four.) So always say both: whether (the verdict,
+# with its
 # spread), and how much (the effect).
 #
 # **And beside what?** A ratio of two networks hides whether either is any good. In this table the face at
@@ -131,7 +132,8 @@ show(*lesson8.splits_chart({"frames": "a third of the frames, by chance", "clips
 
 # %% [markdown]
 # Training poses are made from the animation by the paper's Eq. 5, $\mathbf p'=\mathbf u\circ\mathbf p$. The circle
-# multiplies entry by entry, $p'_i=u_i\,p_i$, with a random factor $u_i$ from 0.25 to 3 for each control. A control that rests, $p_i=0$, rests in the copy. So there are two ways
+# multiplies entry by entry, $p'_i=u_i\,p_i$, with a random factor $u_i$ from 0.25 to 3 for each control. A
+# control that rests, $p_i=0$, rests in the copy. So there are two ways
 # to leak: the test has a **neighbour** of a training pose, or training has a **scaled copy** of a test pose, as
 # when somebody augments first and splits afterwards.
 #
@@ -243,7 +245,8 @@ show(*clips_chart("reference"))
 # absolute values, half of the training poses (you may expect a *larger* error), …
 #
 # **Exercise 4: a plan** (15 minutes). Fill in a `Plan`; what each entry means, with a command as an
-# example, is in `help(lesson8.Plan)`. The check reads it as a referee would. It then prints a seal, twelve characters that any change of the plan would
+# example, is in `help(lesson8.Plan)`. The check reads it as a referee would. It then prints a seal, twelve
+# characters that any change of the plan would
 # change: put it on the board *before* you run anything, and nobody can say that you moved the posts.
 
 
