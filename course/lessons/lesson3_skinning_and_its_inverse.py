@@ -148,9 +148,9 @@ for part, name in enumerate(face.names):
 show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 
 # %% [markdown]
-# **Look.** The rig's teeth are rigid to the last digits of single precision. Which part comes next? (It holds both ears:
-# would one alone be more rigid?) Raise $\tau$ until it counts as rigid, and ask whether you would accept that on a
-# cinema screen.
+# **Look.** The rig's teeth are rigid to the last digits of single precision. Which part comes next? (It holds both
+# ears: would one alone be more rigid?) Raise $\tau$ until it counts as rigid, and ask whether you would accept that on
+# a cinema screen.
 #
 # ## Backward, one vertex: the weights
 #
