@@ -124,11 +124,14 @@ class Plan:
     base: the method of Table 2 that yours is compared with, such as "dense".
     changes: what mine.py does otherwise, a string for each thing.
     metric: "normal_error_mean" or "vertex_error_mean".
-    least_effect: your error over the base's has to be at most this, or the change is not worth it.
+    least_effect: your error over the base's has to be at most this, or the change is not worth it; above 1, at least
+        this, if you expect a larger error.
     characters: names of Table 2. seeds: whole numbers, the same for both methods.
     chosen_on: the poses by which you choose steps, widths and so on: "training", "validation" or "test".
     beside: methods that need no network and stand in the table, too.
-    command: the line that runs it all.
+    command: the line that runs it all, its characters and seeds those of the plan, such as
+
+        make table2 METHODS="dense linear mine.py neutral" CHARACTERS="teen woman" SEED="0 1 2"
     """
 
     hypothesis: str
@@ -163,19 +166,17 @@ def seeds_chart(
     phrases = []
     for axes, (character, errors) in zip(figure.subplots(1, len(shown), sharey=True), shown.items(), strict=True):
         for place, (method, by_seed) in enumerate(errors.items()):
-            axes.plot(
-                [*by_seed.values()], [place] * len(by_seed), "o", color=method_named(method).colour, ms=7, alpha=0.6
-            )
+            axes.plot([*by_seed.values()], [place] * len(by_seed), "|", color=method_named(method).colour, ms=20, mew=2)
         axes.set(title=character, xlabel="degrees", ylim=(len(methods) - 0.5, -0.5))
+        axes.margins(x=0.1)
         axes.set_yticks(range(len(methods)), [method_named(method).label for method in methods])
-        axes.set_xlim(0, 1.1 * max(max(each.values()) for each in errors.values()))
         tidy(axes)
         enlarge(axes, 13)
         means = (f"{method_named(method).label} {np.mean([*each.values()]):.2f}°" for method, each in errors.items())
         phrases.append(f"{character}: {', '.join(means)}")
     return figure, Words(
-        f"Dots in {len(shown)} panels, one a character. Means: {'; '.join(phrases)}.",
-        "Mean normal error on the test poses; a dot is a training with its own seed, poses and first weights.",
+        f"Strokes in {len(shown)} panels, one a character. Means: {'; '.join(phrases)}.",
+        "Mean normal error on the test poses; a stroke is a fit with its own seed. No axis begins at zero.",
     )
 
 
@@ -191,7 +192,7 @@ def splits_chart(names: Mapping[str, str]) -> "tuple[matplotlib.figure.Figure, W
     track = np.concatenate([clip[:, jaw] for clip in three])
     seconds = np.arange(len(track)) / 24
     owner = np.repeat(range(3), [len(clip) for clip in three])
-    held = {"frames": np.random.default_rng(1).random(len(track)) < HELD_OUT, "clips": owner == 1}
+    held = {"frames": np.random.default_rng(1).random(len(track)) < 1 / 3, "clips": owner == 1}
     figure = Figure((WIDTH, 3.6), dpi=100, layout="constrained")
     for axes, (kind, title) in zip(figure.subplots(2, 1, sharex=True), names.items(), strict=True):
         for inside, colour, label in ((~held[kind], "0.6", "training"), (held[kind], "#D55E00", "test")):

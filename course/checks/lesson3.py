@@ -73,6 +73,13 @@ def check_align(align: Callable, face: Examples) -> None:
         np.linalg.det(rotation) > 0,
         "Your R mirrors even points that only moved: look at the sign in D, det U · det V.",
     )
+    a, b = source.mean(0), target.mean(0)
+    u, _, vt = np.linalg.svd((source - a).T @ (target - b))
+    twice = (u @ np.diag([1, 1, sign]) @ vt.T for sign in (1, -1))
+    require(
+        not any(np.allclose(rotation, each) for each in twice),
+        "Your R has V where it needs Vᵀ: np.linalg.svd returns V already transposed, so take it as it is.",
+    )
     found = "Your R is not the one that the points were turned by: subtract each set's mean before you build H."
     require(np.abs(rotation - truth).max() < 1e-6, found)
     require(
@@ -81,19 +88,26 @@ def check_align(align: Callable, face: Examples) -> None:
     )
     off = float(np.abs(source @ rotation + translation - target).max())
     require(off < 1e-6, f"Your R is right and your t is {off:.2g} mm off: where must the source's mean go?")
+    flat = source * [1, 1, 0]
+    rotation, translation = _motion(align(flat, flat @ truth + shift))
+    off = np.abs(flat @ rotation + translation - flat @ truth - shift).max()
+    require(
+        abs(np.linalg.det(rotation) - 1) < 1e-6 and off < 1e-6,
+        "On a flat patch your R is no rotation: there det H is 0 up to rounding, so take det U · det V for D.",
+    )
     mirrored = source * [1, 1, -1]
     rotation, translation = _motion(align(source, mirrored))
     require(
         np.linalg.det(rotation) > 0,
-        "On a mirrored target your R has the determinant −1, a reflection: flip the sign of the last column of U then.",
+        "On a mirrored target your R has the determinant −1, a reflection: put D between U and Vᵀ.",
     )
     left, best = (
         _left(source, mirrored, motion) for motion in ((rotation, translation), suites_align(source, mirrored))
     )
     require(
         left < best * 1.001,
-        f"On a mirrored target your R is proper, but leaves {left:.1f} mm where {best:.1f} mm is possible: flip the "
-        "direction of the smallest singular value, NumPy's last.",
+        f"On a mirrored target your R is proper, but leaves {left:.1f} mm where {best:.1f} mm is possible: D has "
+        "its sign in the last place, that of the smallest singular value, NumPy's last.",
     )
     worst = 0.0
     for part in range(len(face.names)):
@@ -134,6 +148,7 @@ def check_weights(weights: Callable, face: Examples) -> None:
         f"Bones 1 and 4 can carry this vertex exactly, by ¾ and ¼; yours are {np.round(found, 2)}: did you divide by "
         "the sum after nnls, and does the last row of the matrix have the 1 on its right side?",
     )
+    _check_choice(weights)
     # A vertex whose four bones are better than the four that are largest among all.
     left, old = _trap()
     found = _is_convex(weights(left, old), left, old)
@@ -161,6 +176,47 @@ def check_weights(weights: Callable, face: Examples) -> None:
         "your weights are convex, at most four a vertex, never worse than before; their squared error is "
         f"{ours / theirs:.3f} of the suite's on {len(places)} vertices"
     )
+
+
+def _check_choice(weights: Callable) -> None:
+    """Try a vertex that more than four bones suit, and whose old weights are bad."""
+    generator = np.random.default_rng(1)
+    while True:
+        left = generator.normal(0, 1, (12, 9)) + 0.4
+        full = _cut(left, 9)
+        used, lengths = np.flatnonzero(full > 1e-6), (left**2).sum(0)
+        kept, least = np.sort(np.argsort(full)[-MOST:]), np.sort(used[np.argsort(full[used])[:MOST]])
+        near = np.sort(np.argsort(lengths)[:MOST])
+        right, smallest, nearest = (_of(left, each) for each in (kept, least, near))
+        only = np.where(np.isin(np.arange(9), kept), full, 0) / full[kept].sum()
+        best, *others = (_energy(left, each) for each in (right, smallest, nearest, only))
+        if len(used) > MOST and min(others) > 1.05 * best:
+            break
+    old = np.eye(9)[np.argmax(lengths)]
+    found = _is_convex(weights(left, old), left, old)
+    for wrong, sentence in (
+        (smallest, "You keep the four smallest weights: keep the largest weights, not the first that argsort gives."),
+        (
+            nearest,
+            "You choose four bones before nnls, by what each leaves alone: solve for all, then keep the largest.",
+        ),
+        (only, "You cut to four and divide by the sum: once four bones are chosen, solve for them again."),
+    ):
+        require(np.abs(found - wrong).max() > 1e-3, sentence)
+    require(
+        _energy(left, found) < 1.02 * best,
+        f"For a vertex that {len(used)} bones suit you leave {_energy(left, found) / best:.2f} times the squared error "
+        "that is possible by the four largest: keep those, and solve for them again.",
+    )
+    count = int((np.asarray(weights(left, old, 2)) > 0).sum())
+    require(count <= 2, f"With `most` = 2 your vertex has {count} bones: use the argument, not a 4.")
+
+
+def _of(left: np.ndarray, bones: np.ndarray) -> np.ndarray:
+    """Return the best weights of some bones alone."""
+    weights = np.zeros(left.shape[1])
+    weights[bones] = _cut(left[:, bones], MOST)
+    return weights
 
 
 def _trap() -> tuple[np.ndarray, np.ndarray]:
@@ -223,6 +279,10 @@ def check_alternate(alternate: Callable, face: Examples) -> None:
         "alternate must return three things: the weights, the motions, and the list of errors.",
     )
     loads, motions, errors = found
+    require(
+        not isinstance(loads, tuple) and isinstance(motions, tuple) and len(motions) == 2,
+        "alternate returns the weights, the motions and the errors, in this order; `start` gives motions first.",
+    )
     loads, errors = _array(loads, (len(rest), bones), "the weights"), np.asarray(errors, float)
     require(
         errors.shape == (iterations + 1,),
@@ -237,10 +297,23 @@ def check_alternate(alternate: Callable, face: Examples) -> None:
         "motions on, and measure with the S of the new motions.",
     )
     last = rmse(alone(rest, poses, motions), loads, len(poses))
+    begun, _ = start(rest, poses, bones, suites_align)
+    require(
+        not all(np.allclose(one, other) for one, other in zip(motions, begun, strict=True)),
+        "Your motions are those of the start: a bone step belongs to each iteration.",
+    )
+    require(
+        not np.isclose(errors[-1], last * np.sqrt(len(poses) / bones)),
+        "Your errors are divided by the number of bones: rmse wants the number of poses, len(poses).",
+    )
     require(
         abs(last - errors[-1]) < 1e-6,
         f"Your weights and motions leave {last:.3f} mm, your list ends with {errors[-1]:.3f} mm: motions have changed "
         "after you measured, so call alone again.",
+    )
+    require(
+        np.ptp(errors[1:]) > 1e-9,
+        "Your error is the same after each iteration: taking turns means to go on from the last weights and motions.",
     )
     require(errors[-1] < 0.9 * errors[0], "Your error hardly falls: do both steps run in every iteration?")
     single = poses.astype(np.float32)
@@ -261,6 +334,10 @@ def check_alternate(alternate: Callable, face: Examples) -> None:
 
 def _array(found: object, shape: tuple[int, ...], name: str) -> np.ndarray:
     require(found is not None, f"{name} is nothing: is there a return at the function's end?")
+    require(
+        not isinstance(found, tuple),
+        f"{name}: expected an array, got several things in a tuple; nnls returns two, of which x is the first.",
+    )
     array = np.asarray(found)
     require(
         array.shape == shape and array.dtype.kind == "f",

@@ -85,9 +85,17 @@ def _check_made_up(judge_c2: Callable) -> None:
     require(isinstance(answer, tuple) and len(answer) == 2, "judge_c2: expected (whether it holds, the effect).")
     holds, effect = answer
     require(isinstance(holds, bool | np.bool_), f"Expected True or False as the verdict, got {holds!r}.")
+    require(not np.isclose(effect, 1), "An effect of 1 is that of the best one compared with itself: leave it out.")
     require(holds, "With refined at 1°, dense at 2° and the others at 3° C2 holds on the teen.")
     require(not np.isclose(effect, 2.01 / 1.01), "The effect is upside down: below 1 is what the claim wants.")
-    require(np.isclose(effect, 1.01 / 2.01), f"With 1° against 2° expected an effect of 0.50, got {effect:.2f}.")
+    uneven = _made_up()
+    uneven["refined"], uneven["dense"] = {0: 1.0, 1: 1.5, 2: 2.0}, {0: 2.0, 1: 2.6, 2: 3.1}
+    _, of_uneven = judge_c2(uneven, "teen")
+    require(
+        not np.isclose(of_uneven, np.mean([1 / 2, 1.5 / 2.6, 2 / 3.1])),
+        "You take the mean of ratios seed by seed: divide the mean of the best by the smallest mean of the others.",
+    )
+    require(np.isclose(effect, 1.01 / 2.01), f"With 1.01° against 2.01° expected an effect of 0.502, got {effect:.3f}.")
     require(
         judge_c2(_made_up(refined=1.0, linear=0.5), "teen")[0],
         "The straight line is not among the paper's methods: it decides no claim, so go through lesson8.PAPERS.",
@@ -104,6 +112,13 @@ def _check_made_up(judge_c2: Callable) -> None:
         not judge_c2(wide, "toon")[0],
         "A smaller mean is not enough: where the difference is within its spread, the claim fails.",
     )
+    noisy = _made_up(refined=1.0, dense=2.0)
+    noisy["coarse"] = {0: 1.5, 1: 9.0, 2: 2.0}
+    require(
+        not judge_c2(noisy, "teen")[0],
+        "The other with the smallest mean may be clear of the best one while a noisier one is not: apply clearance to "
+        "all five.",
+    )
 
 
 # Leaks.
@@ -114,7 +129,7 @@ def check_detectors(nearest: Callable, has_copy: Callable) -> None:
     rng = np.random.default_rng(4)
     training = rng.normal(size=(50, 6)).astype(np.float32)
     training[:, 5] = 0
-    pose = training[7] + np.float32(0.01)
+    pose = training[7] * np.float32(1.1) + np.float32(0.01)
     got = nearest(pose, training)
     require(got is not None, "nearest returns None: end it with `return`.")
     require(np.ndim(got) == 0, f"nearest: expected one number, got the shape {np.shape(got)}: the smallest of all.")
@@ -122,6 +137,19 @@ def check_detectors(nearest: Callable, has_copy: Callable) -> None:
     require(not np.isclose(got, lengths.min()), "nearest: divide the distance by the pose's own length.")
     require(
         not np.isclose(got, lengths.mean() / np.linalg.norm(pose)), "nearest: take the smallest distance, not the mean."
+    )
+    require(
+        not np.isclose(got, np.linalg.norm(training - pose) / np.linalg.norm(pose), rtol=1e-4),
+        "nearest: this is the length of all differences together: a distance for each row needs axis=1.",
+    )
+    sums = np.abs(training - pose).sum(1).min()
+    require(
+        not any(np.isclose(got, sums / by, rtol=1e-4) for by in (1, np.abs(pose).sum(), np.linalg.norm(pose))),
+        "nearest: you add absolute values: a Euclidean length is the root of the sum of squares.",
+    )
+    require(
+        not np.isclose(got, lengths.min() / np.linalg.norm(training[lengths.argmin()]), rtol=1e-4),
+        "nearest: you divide by the length of the training pose: divide by that of the pose which is asked about.",
     )
     right = lengths.min() / np.linalg.norm(pose)
     require(
@@ -174,6 +202,14 @@ def _check_copies(has_copy: Callable, training: np.ndarray) -> None:
     require(
         planted(pose * 3), "has_copy: a factor of exactly 3, stored as float32, is still Eq. 5's: allow 0.01 % more."
     )
+    require(
+        planted(pose * (3 * 1.00005)) and planted(pose * (0.25 * 0.99995)),
+        "has_copy: allow the factors 0.01 % more at both ends: 3 times 1.00005 is still a copy.",
+    )
+    require(
+        not planted(pose * 3.003) and not planted(pose * 0.2497),
+        "has_copy: allow no more than 0.01 % at both ends: a factor of 3.003 or 0.2497 is none of Eq. 5's.",
+    )
 
 
 MADE = {"A": "neighbours", "B": "none", "C": "scaled copies", "D": "none", "E": "neighbours"}
@@ -201,11 +237,17 @@ def check_splits(leaks: Callable) -> None:
 # A plan.
 
 TUPLES = ("changes", "characters", "seeds", "beside")
-DIRECTION = re.compile(
-    r"\b(smaller|larger|lower|higher|less|more|fewer|below|above|better|worse|halves?|doubles?)\b", re.I
+SMALLER = re.compile(
+    r"\b(smaller|lower(s|ed)?|falls?|fell|drops?|decreases?|shrinks?|reduces?|better|halves?|below)\b",
+    re.I,
 )
+LARGER = re.compile(r"\b(larger|higher|raises?|rises?|increases?|grows?|worse|doubles?|above)\b", re.I)
+OTHER_WORDS = re.compile(r"\b(less|more|fewer)\b", re.I)  # of errors or of what changes
+REASON = re.compile(r"\b(because|since|due to|owing to)\b(.*)", re.I | re.S)
+TWO_THINGS = re.compile(r"\b(and|plus|as well as)\b|[&+]", re.I)
 FEWEST_SEEDS = 3
 TRIVIAL = ("linear", "neutral", "squares")  # no network
+VARIABLES = ("METHODS", "CHARACTERS", "SEED", "PROFILE", "JOBS", "DEVICE", "CONFIG", "SPLIT", "CLUSTER")
 
 
 def check_plan(plan: Callable) -> None:
@@ -217,13 +259,15 @@ def check_plan(plan: Callable) -> None:
         require(
             isinstance(value, tuple | list), f"{name}: expected a tuple, got {value!r}; one entry needs a comma: (x,)."
         )
-    require(DIRECTION.search(made.hypothesis), "The hypothesis has no direction: say what becomes smaller or larger.")
-    require("because" in made.hypothesis.lower(), "The hypothesis gives no reason: what is it because of?")
+    _check_hypothesis(made.hypothesis)
     known = methods()
     require(made.base in known, f"base: expected a method of Table 2, such as dense, got {made.base!r}.")
     require(made.changes, "Nothing changes: what does mine.py do otherwise than the base?")
     sentence = f"{len(made.changes)} things change at once: whatever comes out, you won't know which of them it was."
     require(len(made.changes) == 1, sentence)
+    both = TWO_THINGS.search(made.changes[0])
+    sentence = "Your one change reads like two things, joined by “{}”: change one of them, or say it without that word."
+    require(not both, sentence.format(both and both.group()))
     metrics = {f"{kind}_error_mean": kind for kind in QUANTITIES}
     require(made.metric in metrics, f"metric: expected one of {', '.join(metrics)}, got {made.metric!r}.")
     there = [name for name in lesson8.evidence().characters() if "@" not in name]
@@ -237,21 +281,48 @@ def check_plan(plan: Callable) -> None:
     sentence = (
         "What is chosen on the test poses has seen the test: choose on validation poses, and look at the test once."
     )
-    require(made.chosen_on in ("training", "validation"), sentence)
+    require(made.chosen_on != "test", sentence)
+    sentence = "What is chosen by its training error is what learns by heart best: choose on validation poses."
+    require(made.chosen_on != "training", sentence)
+    require(made.chosen_on == "validation", f'chosen_on: expected "validation", got {made.chosen_on!r}.')
     sentence = f"Nothing trivial stands beside: name one of {', '.join(TRIVIAL)}, to know what a ratio is worth."
     require(set(made.beside) & set(TRIVIAL), sentence)
     _check_effect(made, metrics[made.metric])
     _check_command(made)
+    bound = "at most" if made.least_effect < 1 else "at least"
     where, seeds = " and ".join(made.characters), ", ".join(map(str, made.seeds))
     passed(
-        f"it holds if your {made.metric} is at most {made.least_effect:g} × that of {made.base} on {where}, and the "
+        f"it holds if your {made.metric} is {bound} {made.least_effect:g} × that of {made.base} on {where}, and the "
         f"difference exceeds twice its spread over seeds {seeds}; seal {lesson8.seal(made)}"
+    )
+
+
+def _check_hypothesis(hypothesis: str) -> None:
+    reason = REASON.search(hypothesis)
+    require(
+        reason and len(reason.group(2).split()) > 1,
+        "The hypothesis gives no reason: what is it because of? (“because” or “since”, and some words.)",
+    )
+    claimed = REASON.sub("", hypothesis)
+    require(
+        any(words.search(claimed) for words in (SMALLER, LARGER, OTHER_WORDS)),
+        "The hypothesis has no direction: say what becomes smaller or larger, falls or rises, before you say why.",
     )
 
 
 def _check_effect(plan: lesson8.Plan, kind: str) -> None:
     effect = plan.least_effect
-    require(0 < effect < 1, f"least_effect: expected yours over the base's, between 0 and 1, got {effect}.")
+    require(effect > 0, f"least_effect: expected your error over the base's, above 0, got {effect}.")
+    claimed = REASON.sub("", plan.hypothesis)
+    smaller, larger = (bool(words.search(claimed)) for words in (SMALLER, LARGER))
+    require(
+        not (smaller and not larger and effect > 1),
+        f"Your hypothesis says smaller and your least_effect {effect} is above 1, larger: which is it?",
+    )
+    require(
+        not (larger and not smaller and effect < 1),
+        f"Your hypothesis says larger and your least_effect {effect} is below 1, smaller: which is it?",
+    )
     for character in plan.characters:
         try:
             number = lesson8.evidence().error(character, plan.base, kind)
@@ -259,25 +330,41 @@ def _check_effect(plan: lesson8.Plan, kind: str) -> None:
             continue
         spread = 2 * (number.sd or 0.0) / number.value
         require(
-            1 - effect > spread,
-            f"An effect of {1 - effect:.1%} is less than {plan.base} varies over seeds on {character}, {spread:.1%}: "
-            "ask for more.",
+            abs(1 - effect) > spread,
+            f"An effect of {abs(1 - effect):.1%} is less than {plan.base} varies over seeds on {character}, "
+            f"{spread:.1%}: ask for more.",
         )
 
 
 def _check_command(plan: lesson8.Plan) -> None:
-    words = shlex.split(plan.command)
+    try:
+        words = shlex.split(plan.command)
+    except ValueError:
+        words = []
+    require(words, f"command: expected a line with each quote closed, got {plan.command!r}.")
+    require("=" not in words[0], "command: variables stand behind make table2, not before it.")
     require(words[:2] == ["make", "table2"], f"command: expected make table2 …, got {plan.command!r}.")
     given = dict(word.split("=", 1) for word in words[2:] if "=" in word)
+    for name in given:
+        require(name in VARIABLES, f"command: {name} is no variable of make table2: expected {', '.join(VARIABLES)}.")
+    require(
+        given.get("PROFILE") != "quick",
+        "command: PROFILE=quick is for finding mistakes: its networks have learnt too little to answer anything.",
+    )
     for variable, wanted in (
         ("METHODS", (plan.base, *plan.beside)),
         ("CHARACTERS", plan.characters),
         ("SEED", tuple(map(str, plan.seeds))),
     ):
-        values = given.get(variable, "").split()
+        values = given.get(variable, "").replace(",", " ").split()
         standard = variable == "METHODS" and "standard" in values
         missing = [each for each in wanted if each not in values and not standard]
         sentence = f'command: {variable} lacks {", ".join(missing)}; several values stand in quotes, {variable}="a b".'
         require(not missing, sentence)
-    own = [word for word in given["METHODS"].split() if word.endswith(".py")]
+        more = [each for each in values if each not in wanted and variable != "METHODS"]
+        sentence = (
+            f"command: {variable} has {', '.join(more)}, which the plan does not name: you could pick afterwards."
+        )
+        require(not more, sentence)
+    own = [word for word in given["METHODS"].replace(",", " ").split() if word.endswith(".py")]
     require(len(own) == 1, f"command: expected one file of yours in METHODS, such as mine.py, got {len(own)}.")

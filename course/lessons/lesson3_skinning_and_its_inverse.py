@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Lesson 3: Skinning and its inverse
 #
-# **75 minutes. You need** lessons 1 and 2, least squares and the singular value decomposition. **Afterwards you can**
+# **90 minutes. You need** lessons 1 and 2, least squares and the singular value decomposition. **Afterwards you can**
 #
 # - move a mesh by a few rigid bones, and say where that must fail,
 # - find the rotation that best aligns two point sets, and never get a mirror image instead,
@@ -64,7 +64,7 @@ check_skin(skin)
 # Your function now moves a tube. It has two bones: the left one stays, the right one turns about the tube's axis and
 # bends. In the middle, weights go from one bone to the other in a straight line.
 #
-# **Try** to find the twist at which the tube is thinnest.
+# **Guess** first: what is left of the tube's radius, halfway, at a twist of 90 degrees? Then look.
 
 # %%
 from course.sliders import move
@@ -148,8 +148,9 @@ for part, name in enumerate(face.names):
 show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 
 # %% [markdown]
-# **Look.** The rig's teeth are rigid to the last digits of single precision. Which part comes next? Would you have
-# called it rigid by eye? Raise $\tau$ until it is, and ask whether you would accept that on a cinema screen.
+# **Look.** The rig's teeth are rigid to the last digits of single precision. Which part comes next? (It holds both
+# ears: would one alone be more rigid?) Raise $\tau$ until it counts as rigid, and ask whether you would accept that on
+# a cinema screen.
 #
 # ## Backward, one vertex: the weights
 #
@@ -178,7 +179,7 @@ show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 #
 # **At most four.** If more than four are above zero, keep the four largest bones and solve again for them alone.
 #
-# **Never worse.** Which four is a guess, and the last iteration may have known better. Compare
+# **Never worse.** Which four is a guess, and the weights of the last iteration, `old`, may be better. Compare
 # $\|\mathbf S \mathbf w\|$ with that of the old weights, and return the better ones.
 
 
@@ -220,7 +221,8 @@ check_weights(weights, face)
 #   that best explains what the others leave, a weighted `align`,
 # - `lesson3.rmse(S, w, len(poses))` → the root mean square error, in mm.
 #
-# Neither step can raise the error, if you made `weights` never worse. So the error has to fall until it rests.
+# Neither step can raise the error, if you made `weights` never worse. So the error never rises.
+# Mind the order: `start` gives motions first, `alternate` returns weights first.
 
 
 # %% exercise="alternate"
@@ -250,7 +252,7 @@ check_alternate(alternate, face)
 # ## Your bones on the teen
 #
 # 16 bones, found from every eighth vertex or so: that is enough to know how bones move, and takes seconds. The dashed
-# line is the suite's own fit, which starts more cleverly and extrapolates its steps.
+# line is the suite's own fit after 60 iterations, yours has 15; it starts more cleverly and extrapolates its steps.
 
 # %%
 BONES = 16
@@ -285,7 +287,8 @@ show(panel_grid([view], ["as the nearest fitted vertex", "by its own weight step
 # ## What bones can't do
 #
 # The exam: a pose that was in no fit. Your weights stay, and the bones may move as they like, so this is about the best
-# that *any* animator could do with them. Beside it the suite's 16 and 32 bones, up to eight a vertex.
+# that *any* animator could do with them. Beside it the suite's 16 and 32 bones. They may use
+# up to eight bones a vertex, yours four: so not all of the difference is the method's.
 
 # %%
 record = lesson3.wrinkled_pose()

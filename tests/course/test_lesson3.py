@@ -77,7 +77,24 @@ def without_means(source, target):
     return R, target.mean(0) - source.mean(0) @ R
 
 
+def by_the_sign_of_h(source, target):
+    a, b = source.mean(0), target.mean(0)
+    H = (source - a).T @ (target - b)
+    U, _, Vt = np.linalg.svd(H)
+    R = U @ np.diag([1, 1, np.sign(np.linalg.det(H))]) @ Vt
+    return R, b - a @ R
+
+
+def with_v_once_too_often_transposed(source, target):
+    a, b = source.mean(0), target.mean(0)
+    U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
+    R = U @ np.diag([1, 1, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt.T
+    return R, b - a @ R
+
+
 ALIGNMENTS = {
+    "flat": by_the_sign_of_h,
+    "already transposed": with_v_once_too_often_transposed,
     "align returns nothing": lambda s, q: None,
     "must return two things": lambda s, q: align(s, q)[0],
     "inverse of the rotation": lambda s, q: (align(s, q)[0].T, align(s, q)[1]),
@@ -124,7 +141,55 @@ def by_distance(S, old, most=4):
     return w if np.linalg.norm(S @ w) < np.linalg.norm(S @ old) else old
 
 
+def convex(S):
+    from scipy.optimize import nnls
+
+    x = nnls(np.vstack([S, np.ones(S.shape[1])]), np.append(np.zeros(len(S)), 1.0))[0]
+    return x / x.sum()
+
+
+def better(S, w, old):
+    return w if np.linalg.norm(S @ w) < np.linalg.norm(S @ old) else old
+
+
+def keeps(S, old, most, order, again=True):
+    w = convex(S)
+    if np.count_nonzero(w) > most:
+        keep = order(S, w)[-most:]
+        cut = np.zeros(len(old))
+        cut[keep] = convex(S[:, keep]) if again else w[keep] / w[keep].sum()
+        w = cut
+    return better(S, w, old)
+
+
+def keeps_the_smallest(S, old, most=4):
+    return keeps(S, old, most, lambda S, w: np.argsort(np.where(w > 0, -w, -np.inf)))
+
+
+def only_renormalises(S, old, most=4):
+    return keeps(S, old, most, lambda S, w: np.argsort(w), again=False)
+
+
+def chosen_by_length(S, old, most=4):
+    return keeps(S, old, most, lambda S, w: np.argsort(-(S**2).sum(0)))
+
+
+def always_four(S, old, most=4):
+    return weights(S, old)
+
+
+def whole_answer_of_nnls(S, old, most=4):
+    from scipy.optimize import nnls
+
+    return nnls(np.vstack([S, np.ones(S.shape[1])]), np.append(np.zeros(len(S)), 1.0))
+
+
 WEIGHTS = {
+    "largest weights, not": keeps_the_smallest,
+    "solve for them again": only_renormalises,
+    "before nnls|largest weights": chosen_by_length,
+    "`most`": always_four,
+    "several things": whole_answer_of_nnls,
     "weights is nothing": lambda S, old, most=4: None,
     "sum to .*, not to 1": not_normalised,
     "none may be negative": signed,
@@ -156,11 +221,26 @@ def planted(how):
             if how != "weights never change":
                 step = (lambda S, old: weights(S, old, bones)) if how == "all bones" else weights
                 w = np.stack([step(s, one) for s, one in zip(S, w, strict=True)])
+            if how == "from the start each time":
+                last_start, first_w = start(rest, poses, bones, align)
+                S = alone(rest, poses, last_start)
+                w = np.stack([weights(s, one) for s, one in zip(S, first_w, strict=True)])
+                motions = bone_step(rest, poses, w, last_start)
+                S = alone(rest, poses, motions)
+                errors.append(rmse(S, w, len(poses)))
+                continue
             last = still(len(poses), bones) if how == "from rest each time" else motions
+            if how == "no bones":
+                errors.append(rmse(S, w, len(poses)))
+                continue
             motions = bone_step(rest, poses, w, last, sweeps=1 if how == "from rest each time" else 3)
             if how != "old S":
                 S = alone(rest, poses, motions)
             errors.append(rmse(S, w, len(poses)))
+        if how == "divided by bones":
+            errors = [error * np.sqrt(len(poses) / bones) for error in errors]
+        if how == "motions first":
+            return motions, w, errors
         return w, motions, errors[1:] if how == "without the start" else errors
 
     return run
@@ -170,6 +250,10 @@ ALTERNATIONS = {
     "all bones": "at most|has [0-9]+ bones",
     "old S": "call alone again",
     "from rest each time": "Your error rises",
+    "from the start each time": "taking turns",
+    "no bones": "motions are those of the start",
+    "divided by bones": "number of poses",
+    "motions first": "in this order",
     "without the start": "after the start and each iteration",
 }
 

@@ -61,6 +61,22 @@ def judged(errors, best, others, holds=None):
     return every, mean(errors[best]) / min(map(mean, values))
 
 
+def best_and_others(errors, character):
+    best = "dense" if character == "dragon" else "refined"
+    return errors[best], [errors[method] for method in lesson8.PAPERS if method != best]
+
+
+def beats_the_next(errors, character):
+    best, others = best_and_others(errors, character)
+    return CLEARANCE(best, min(others, key=mean)) > 0 and all(mean(best) < mean(other) for other in others)
+
+
+def mean_of_ratios(errors, character):
+    best, others = best_and_others(errors, character)
+    other = min(others, key=mean)
+    return statistics.fmean(best[seed] / other[seed] for seed in best)
+
+
 @pytest.mark.parametrize(
     ("judge_c2", "sentence"),
     [
@@ -87,6 +103,9 @@ def judged(errors, best, others, holds=None):
             ),
             "use all",
         ),
+        (lambda errors, name: (beats_the_next(errors, name), JUDGE(errors, name)[1]), "to all five"),
+        (lambda errors, name: (JUDGE(errors, name)[0], mean_of_ratios(errors, name)), "ratios seed by seed"),
+        (lambda errors, name: (False, 1.0), "compared with itself"),
     ],
 )
 def test_a_wrong_verdict_is_told_why(judge_c2, sentence):
@@ -99,6 +118,11 @@ def test_the_solved_detectors_pass(capsys):
     assert "scaled copy" in capsys.readouterr().out
 
 
+def by_training_length(pose, training):
+    distances = np.linalg.norm(training - pose, axis=1)
+    return distances.min() / np.linalg.norm(training[distances.argmin()])
+
+
 @pytest.mark.parametrize(
     ("nearest", "sentence"),
     [
@@ -106,7 +130,10 @@ def test_the_solved_detectors_pass(capsys):
         (lambda pose, training: np.linalg.norm(training - pose, axis=1), "one number"),
         (lambda pose, training: np.linalg.norm(training - pose, axis=1).min(), "pose's own length"),
         (lambda pose, training: np.linalg.norm(training - pose, axis=1).mean() / np.linalg.norm(pose), "not the mean"),
-        (lambda pose, training: np.abs(training - pose).sum(1).min() / np.abs(pose).sum(), "expected"),
+        (lambda pose, training: np.abs(training - pose).sum(1).min() / np.abs(pose).sum(), "root of the sum"),
+        (lambda pose, training: np.abs(training - pose).sum(1).min() / np.linalg.norm(pose), "root of the sum"),
+        (lambda pose, training: np.linalg.norm(training - pose) / np.linalg.norm(pose), "axis=1"),
+        (by_training_length, "length of the training pose"),
     ],
 )
 def test_a_wrong_distance_is_told_why(nearest, sentence):
@@ -121,6 +148,12 @@ def factors_of(pose, training):
 
 def fits(factors, low=0.2499, high=3.0003):
     return (factors >= low) & (factors <= high)
+
+
+def copies_within(pose, training, low, high):
+    moves = pose != 0
+    alike = training[((training != 0) == moves).all(1)]
+    return bool(fits(alike[:, moves] / pose[moves], low, high).all(1).any())
 
 
 @pytest.mark.parametrize(
@@ -156,6 +189,8 @@ def fits(factors, low=0.2499, high=3.0003):
             ),
             "exactly 3",
         ),
+        (lambda pose, training: copies_within(pose, training, 0.25, 3.0), "0.01 % more"),
+        (lambda pose, training: copies_within(pose, training, 0.24, 3.1), "no more than 0.01 %"),
     ],
 )
 def test_a_wrong_search_for_copies_is_told_why(has_copy, sentence):
@@ -198,6 +233,31 @@ def test_the_solved_plan_passes_and_any_change_breaks_its_seal(capsys):
     assert lesson8.seal(replace(plan, least_effect=0.91)) != lesson8.seal(plan)
 
 
+COMMAND = SOLVED["plan"]().command
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"hypothesis": "The normal error falls by 10 %, since the network need not learn the line"},
+        {
+            "hypothesis": "Half of the poses will increase the error because there is less to learn from",
+            "least_effect": 1.2,
+        },
+        {"hypothesis": "Wider layers and more of them give smaller errors because they bend more"},
+        {"command": COMMAND.replace(" SEED", " JOBS=2 PROFILE=laptop SEED")},
+        {"command": COMMAND.replace("teen toon", "teen,toon")},
+    ],
+)
+def test_a_plausible_plan_in_other_words_passes(changes):
+    check_plan(lambda: replace(SOLVED["plan"](), **changes))
+
+
+def test_the_example_in_the_plans_docstring_is_a_command_that_passes():
+    (line,) = (line.strip() for line in lesson8.Plan.__doc__.splitlines() if line.strip().startswith("make table2"))
+    check_plan(lambda: replace(SOLVED["plan"](), characters=("teen", "woman"), command=line))
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
@@ -213,7 +273,19 @@ def test_the_solved_plan_passes_and_any_change_breaks_its_seal(capsys):
         ({"seeds": (0, 1, 1)}, "stands twice"),
         ({"chosen_on": "test"}, "has seen the test"),
         ({"beside": ("refined",)}, "Nothing trivial"),
-        ({"least_effect": 1.1}, "between 0 and 1"),
+        ({"least_effect": 1.1}, "smaller .* above 1"),
+        ({"least_effect": 0.0}, "above 0"),
+        ({"least_effect": 1.0}, "varies over seeds"),
+        ({"hypothesis": "Without a line the error becomes larger because it has to learn more"}, "larger .* below 1"),
+        ({"hypothesis": "The error becomes smaller because"}, "no reason"),
+        ({"changes": ("half of the poses and wider layers",)}, "two things"),
+        ({"chosen_on": "training"}, "learns by heart"),
+        ({"command": f"{COMMAND} PROFILE=quick"}, "quick"),
+        ({"command": COMMAND.replace("0 1 2", "0 1 2 3")}, "SEED has 3, which"),
+        ({"command": COMMAND.replace("teen toon", "teen toon woman")}, "CHARACTERS has woman, which"),
+        ({"command": COMMAND.replace("SEED", "SEEDS")}, "SEEDS is no variable"),
+        ({"command": f"CHARACTERS=teen {COMMAND}"}, "variables stand behind"),
+        ({"command": COMMAND[:-1]}, "quote"),
         ({"least_effect": 0.999}, "varies over seeds"),
         ({"command": "python mine.py"}, "make table2"),
         ({"command": 'make table2 METHODS="dense linear neutral mine.py" CHARACTERS=teen SEED="0 1 2"'}, "lacks toon"),
