@@ -161,8 +161,8 @@ def best_map(offsets, uv, size):
 check_best_map(best_map, sample, parts, offsets)
 
 # %% [markdown]
-# **Your maps** now hold the whole face, one map for each part of it. Only the 24 teeth (1,300 of the 12,510 vertices) have
-# none: each is rigid, so a rotation and a shift place it. How many pixels does a forehead need?
+# **Your maps** now hold the whole face, one map for each part of it. Only the 24 teeth (1,300 of the 12,510 vertices)
+# have none: each is rigid, so a rotation and a shift place it. How many pixels does a forehead need?
 
 # %%
 held = {size: record.neutral + read_all(best_map, sample, parts, offsets, size) for size in (4, 8, 16, 32, 64)}
@@ -246,7 +246,8 @@ show(*loss_picture(rig.mesh, parts, np.mean(lost, axis=0), 32))
 # The paper's network (its Fig. 3) turns controls into a map. Dense layers first, because controls have no neighbours;
 # then convolutions, because pixels have.
 #
-# 1. `net.dense`: linear layers, to 256 numbers and then to 512. A leaky ReLU with slope `net.slope` follows each **but the last**.
+# 1. `net.dense`: linear layers, to 256 numbers and then to 512. A leaky ReLU with slope `net.slope` follows each **but
+#    the last**.
 # 2. Reshape the last one's 512 numbers to 8 rows, 8 columns and 8 channels, in this order: `(b, 8, 8, 8)`. PyTorch's
 #    convolutions want the channels before rows and columns: `.permute(0, 3, 1, 2)`.
 # 3. `net.upsampled`: for each of these 3×3 convolutions double the image, by `interpolate(x, scale_factor=2,
