@@ -111,8 +111,12 @@ def floor_chart(
     labels = ("distance error, mm", "normal angle error, degrees")
     for which, (axes, label) in enumerate(zip(figure.subplots(1, 2), labels, strict=True)):
         axes.plot(list(found), [pair[which] for pair in found.values()], "o-", color="#0072B2", label="your maps")
+        highest = max(pair[which] for pair in lines.values())
         for (name, pair), style in zip(lines.items(), ("--", ":"), strict=False):
-            axes.axhline(pair[which], color="#D55E00", linestyle=style, label=name)
+            axes.axhline(pair[which], color="#D55E00", linestyle=style)
+            place = "bottom" if pair[which] == highest else "top"  # such lines may be as good as one
+            words, across = f"{name} {pair[which]:.2f}", axes.get_yaxis_transform()
+            axes.text(1, pair[which], words, ha="right", va=place, color="#D55E00", transform=across)
         axes.set_xscale("log", base=2)
         error_scale(axes, "y")
         axes.set_xticks(list(found), [str(size) for size in found])

@@ -108,6 +108,16 @@ def errors(face: Face, offsets: np.ndarray) -> tuple[float, float]:
     return float(vertex_error(posed, truth).mean()), float(np.nanmean(normal_error(posed, truth, face.faces)))
 
 
+def wins(face: Face, first: np.ndarray, second: np.ndarray) -> str:
+    """Say on how many test poses the line's offsets `first` are nearer than a network's, `second`; (b, n, 3) mm."""
+    truth = face.neutral + face.test_offsets
+    posed = [face.neutral + offsets for offsets in (first, second)]
+    mm = [vertex_error(each, truth).mean(1) for each in posed]
+    degrees = [np.nanmean(normal_error(each, truth, face.faces), axis=1) for each in posed]
+    shares = (float((one < other).mean()) for one, other in (mm, degrees))
+    return "over all test poses the line beats the network on {:.0%} in mm, on {:.0%} in degrees".format(*shares)
+
+
 def predict(model: nn.Module, params: np.ndarray) -> np.ndarray:
     """Return a model's offsets (b, n, 3) in mm at some scaled parameters."""
     with torch.no_grad():
@@ -122,6 +132,7 @@ def train(
     seed: int = 0,
     alpha: float = 5.0,
     every: int = EVERY,
+    rate: float = RATE,
 ) -> list[tuple[int, float, float]]:
     """Train a model in place by Adam; return (step, mm, degrees) on the test poses, at the start and every so often.
 
@@ -132,14 +143,17 @@ def train(
     seed: of the batches, which are the same for all models.
     alpha: α.
     every: how many steps lie between two measurements.
+    rate: the highest learning rate.
+
+    Gradients are clipped to a norm of 1 over all weights.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     arrays = (face.neutral, face.params, face.offsets, face.faces.astype(np.int64))
     neutral, params, offsets, faces = map(torch.from_numpy, arrays)
     weights = [weight for weight in model.parameters() if weight.requires_grad]
-    optimiser = torch.optim.Adam(weights, lr=RATE, fused=True)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=steps)
+    optimiser = torch.optim.Adam(weights, lr=rate, fused=True)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=steps)
     batches = np.random.default_rng(seed).integers(len(params), size=(steps, BATCH))
     log = [(0, *errors(face, predict(model, face.test_params)))]
     for step, rows in enumerate(torch.from_numpy(batches), 1):
@@ -156,6 +170,7 @@ def train(
 # Pictures.
 
 COLOURS = {"line": "#56B4E9", "network": "#D55E00", "network beside the line": "#009E73"}
+OTHERS = ("#CC79A7", "#E69F00", "#0072B2")
 
 
 def curves(line: tuple[float, float], logs: Mapping[str, Sequence[tuple]]) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -169,9 +184,9 @@ def curves(line: tuple[float, float], logs: Mapping[str, Sequence[tuple]]) -> "t
     labels = ("distance error, mm", "normal error, degrees")
     for k, axes in enumerate(figure.subplots(1, 2)):
         axes.axhline(line[k], color=COLOURS["line"], linewidth=2, linestyle="--", label="line")
-        for name, log in logs.items():
-            steps = [row[0] for row in log]
-            axes.plot(steps, [row[1 + k] for row in log], "o-", color=COLOURS[name], linewidth=2, ms=4, label=name)
+        for place, (name, log) in enumerate(logs.items()):
+            steps, colour = [row[0] for row in log], COLOURS.get(name, OTHERS[place % len(OTHERS)])
+            axes.plot(steps, [row[1 + k] for row in log], "o-", color=colour, linewidth=2, ms=4, label=name)
         axes.set_xlabel("steps")
         axes.set_ylabel(labels[k])
         error_scale(axes, "y")
@@ -180,8 +195,8 @@ def curves(line: tuple[float, float], logs: Mapping[str, Sequence[tuple]]) -> "t
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False, fontsize=13)
     ends = "; ".join(f"{name} {log[-1][1]:.2f} mm, {log[-1][2]:.2f}°" for name, log in logs.items())
     return figure, Words(
-        f"Two charts of test errors over {STEPS} steps. The line stays at {line[0]:.2f} mm and {line[1]:.2f}°; at the "
-        f"end: {ends}.",
+        f"Two charts of test errors over {max(log[-1][0] for log in logs.values())} steps. The line stays at "
+        f"{line[0]:.2f} mm and {line[1]:.2f}°; at the end: {ends}.",
         "Errors on poses of clips that training has no frame of. Both axes of errors are logarithmic.",
     )
 
@@ -262,7 +277,8 @@ def products(functions: Mapping[str, Callable]) -> "tuple[matplotlib.figure.Figu
     bar.ax.tick_params(labelsize=13)
     return figure, Words(
         f"Level curves of {len(functions)} functions of two controls from 0 to 2: {', '.join(functions)}.",
-        "Values over two controls. White square: where training poses are. Eq. 5 multiplies controls by up to 3.",
+        "Values over two controls. White square: where training poses are, for controls are divided by their largest "
+        "value in training, which has the random factors of Eq. 5 in it.",
     )
 
 
@@ -281,6 +297,7 @@ def balances(logs: Mapping[float, Sequence[tuple]], line: tuple[float, float], r
         beside = (0, 12 if place % 2 == 0 else -24)
         axes.annotate(f"α = {alpha:g}", (mm, degrees), beside, textcoords="offset points", ha="center")
     axes.plot(*line, "x", color=COLOURS["line"], ms=9, mew=3)
+    axes.set_title(f"at {max(log[-1][0] for log in logs.values())} steps")
     axes.annotate("line", line, (12, -4), textcoords="offset points")
     axes.plot(*rest, "s", color="0.4", ms=8)
     axes.annotate("face at rest", rest, (-12, -4), textcoords="offset points", ha="right")
@@ -342,20 +359,20 @@ def regions(face: Face) -> "tuple[matplotlib.figure.Figure, Words]":
     )
 
 
-PIECES = (
-    "no straight line",
-    "leaky ReLUs, no products",
-    "squared errors",
-    "one region, as many bytes",
-    "a network for each region",
-    "the same, each of its region's controls",
-    "components of positions alone",
-    "3,000 training poses",
-)
+PIECES = {
+    "removed": (
+        "no straight line",
+        "leaky ReLUs, no products",
+        "squared errors",
+        "one region, as many bytes",
+        "components of positions alone",
+    ),
+    "added": ("a network for each region", "the same, each of its region's controls"),
+}
 
 
 def pieces(results: str = "reference", character: str = "teen"):
-    """Return a table: both errors of changed regional methods, over those of one network for all regions."""
+    """Return a table: both validation errors of changed regional methods, over those of one network for all regions."""
     import pandas
 
     import replicate
@@ -364,10 +381,11 @@ def pieces(results: str = "reference", character: str = "teen"):
     frame = replicate.results(results).query("table == 'bench_regional' and character == @character")
     values = dict(zip(frame["metric"], frame["value"], strict=True))
     names = {"mm": "validation_vertex_error", "degrees": "validation_normal_error"}
-    return pandas.DataFrame(
-        {
-            unit: [values[f"{name}[{piece}]"] / values[f"{name}[{ONE}]"] for piece in PIECES]
-            for unit, name in names.items()
-        },
-        index=PIECES,
-    ).map("× {:.2f}".format)
+    rows = [(kind, piece) for kind, pieces_of in PIECES.items() for piece in pieces_of]
+    table = {
+        unit: [values[f"{name}[{piece}]"] / values[f"{name}[{ONE}]"] for _, piece in rows]
+        for unit, name in names.items()
+    }
+    table = pandas.DataFrame(table, index=pandas.MultiIndex.from_tuples(rows)).map("× {:.2f}".format)
+    size = [f"{values[f'model_size[{piece}]']:.1f} MB, not {values[f'model_size[{ONE}]']:.1f}" for _, piece in rows]
+    return table.assign(size=size)

@@ -15,6 +15,7 @@ from replicate.approximation.deformation_map import RIDGE, Projection, bilinear,
 NEAR = 1e-5  # the suite's weights are in single precision
 NEAR_FLOOR = 1.05  # of the suite's floor, plus this many mm:
 NEAR_FLOOR_MM = 0.005
+FLAT = 3e-5  # of the gradient at zero; lsmr as in the lesson leaves 1e-6 or less, 10 iterations leave 6e-3
 
 
 def check_sample(sample: Callable, parts: Charts) -> None:
@@ -31,6 +32,10 @@ def check_sample(sample: Callable, parts: Charts) -> None:
     require(
         np.abs(at_pixel - image[column, row]).max() > NEAR,
         "Your u and v are swapped: u goes along a row, so it chooses the column; v chooses the row.",
+    )
+    require(
+        np.abs(at_pixel - image[size - 1 - row, column]).max() > NEAR,
+        "Your rows are flipped: row 0 is v = 0, the bottom of the pictures, and v grows with the row.",
     )
     ticks = np.linspace(0, 1, size)
     plane = (2 * ticks[None, :] - 3 * ticks[:, None] + 1)[..., None].repeat(3, 2)
@@ -84,6 +89,11 @@ def check_spread(spread: Callable, sample: Callable, parts: Charts) -> None:
     before = [values.copy(), crowd.copy()]
     found = _array(spread(values, crowd, size), (size, size, 3), "spread")
     _kept((values, crowd), before)
+    one = spread(values[:, :1], crowd, size)
+    require(
+        np.shape(one) == (size, size, 1),
+        f"With values of one channel your image has the shape {np.shape(one)}: make as many channels as values has.",
+    )
 
     def gap(uv: np.ndarray, y: np.ndarray) -> float:
         image = generator.normal(0, 2, (size, size, 3))
@@ -116,7 +126,7 @@ def check_spread(spread: Callable, sample: Callable, parts: Charts) -> None:
 
 def check_best_map(best_map: Callable, sample: Callable, parts: Charts, offsets: np.ndarray) -> None:
     """Require maps that lose as little as the suite's by least squares; offsets: (n, 3) mm of one pose."""
-    size, lost, floors, means = 16, 0.0, 0.0, 0.0
+    size, lost, floors, means, steepest = 16, 0.0, 0.0, 0.0, 0.0
     for name, (vertices, uv) in parts.items():
         truth = offsets[vertices].astype(float)
         before = [truth.copy(), uv.copy()]
@@ -124,6 +134,12 @@ def check_best_map(best_map: Callable, sample: Callable, parts: Charts, offsets:
         _kept((truth, uv), before)
         grid = bilinear(uv, size)
         matrix = sampling_matrix(grid)
+        mixed = image.reshape(3, size, size).transpose(1, 2, 0)
+        require(
+            _miss(sample(mixed, uv), truth) >= 0.5 * _miss(sample(image, uv), truth),
+            "Your map holds x, y and z one after the other: stack the three solutions along the last axis, and then "
+            "reshape.",
+        )
         unread = np.setdiff1d(np.arange(size**2), grid.pixels)
         require(
             np.abs(image.reshape(-1, 3)[unread]).sum() < 1e-3,
@@ -131,6 +147,8 @@ def check_best_map(best_map: Callable, sample: Callable, parts: Charts, offsets:
         )
         lost += _miss(sample(image, uv), truth)
         floors += _miss(Projection(uv, size)(truth[None])[0], truth)
+        slope = matrix.T @ (matrix @ image.reshape(-1, 3) - truth) + RIDGE * image.reshape(-1, 3)
+        steepest = max(steepest, float(np.linalg.norm(slope) / np.linalg.norm(matrix.T @ truth)))
         mean = (matrix.T @ truth) / np.maximum(matrix.T @ np.ones((len(uv), 1)), RIDGE)
         means += _miss(matrix @ mean, truth)
         swapped = sample(image.swapaxes(0, 1), uv)
@@ -147,8 +165,13 @@ def check_best_map(best_map: Callable, sample: Callable, parts: Charts, offsets:
     )
     require(
         lost < NEAR_FLOOR * floors + NEAR_FLOOR_MM,
-        f"Your maps lose {lost:.3f} mm, the best ones {floors:.3f} mm: one solve for each of x, y and z, and then is "
-        "everything back in its place?",
+        f"Your maps lose {lost:.3f} mm, the best ones {floors:.3f} mm: one solve for each of x, y and z, with "
+        "the damp and the iterations above, and then is everything back in its place?",
+    )
+    require(
+        steepest < FLAT,
+        f"Your maps are near the best ones, but the gradient is not zero there ({steepest:.0e} of its size at zero): "
+        "give lsmr damp=1e-3, which is √λ, the small tolerances, and 400 iterations.",
     )
     passed(f"your {size}×{size} maps lose {lost:.3f} mm on average, the suite's floor is {floors:.3f} mm")
 

@@ -37,7 +37,7 @@ def check_loss(loss: Callable) -> None:
             torch.allclose(slope, true_slope, rtol=1e-3, atol=1e-5),
             "The value is right, the gradient is not: both normals' lengths must stay in the graph, without .detach().",
         )
-    _bears_faces_without_area(loss, faces)
+    _counts_faces_without_area(loss, faces)
     guess, truth, faces = _teen()
     ours, theirs = (reference_loss(guess, truth, faces, alpha, guess.shape[1], len(faces)) for alpha in (5.0, 0.0))
     value = float(loss(guess, truth, faces, 5.0))
@@ -93,19 +93,30 @@ def _crosses(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
     return torch.linalg.cross(b - a, c - a)
 
 
-def _bears_faces_without_area(loss: Callable, faces: torch.Tensor) -> None:
+def _counts_faces_without_area(loss: Callable, faces: torch.Tensor) -> None:
     generator = torch.Generator().manual_seed(2)
     target = torch.randn(2, 5, 3, generator=generator)
     vertices = target.clone()
     vertices[:, 1] = vertices[:, 0] + 1
     vertices[:, 4] = vertices[:, 1]  # faces with both corners have no area
     vertices.requires_grad_()
-    value = loss(vertices, target, faces, 5.0)
-    (slope,) = torch.autograd.grad(value, vertices)
+    value, right = (each(vertices, target, faces, 5.0) for each in (loss, _reference))
+    (slope,), (true_slope,) = (torch.autograd.grad(each, vertices) for each in (value, right))
     require(
         torch.isfinite(value) and torch.isfinite(slope).all(),
-        "A face without area makes your loss or its gradient NaN, and one is enough to ruin all weights: give such a "
-        "face the normal 0, as torch.nn.functional.normalize does.",
+        "A face without area makes your loss or its gradient NaN, and one is enough to ruin all weights: replace its "
+        "squared length by 1 before the root and the division (torch.where), and its normal by 0 after it.",
+    )
+    require(
+        torch.isclose(value, right, rtol=1e-4),
+        f"With faces without area Eq. 1 is {right.item():.4f}, yours {value.item():.4f}: give them the normal 0 and, "
+        "unlike lesson 4, count them in f.",
+    )
+    require(
+        torch.allclose(slope, true_slope, rtol=1e-3, atol=1e-5),
+        f"At a face without area your gradient reaches {float(slope.abs().max()):.0e}, the suite's "
+        f"{float(true_slope.abs().max()):.2g}: a tiny divisor, as in normalize, has a huge slope; use "
+        "torch.where twice.",
     )
 
 
@@ -205,6 +216,11 @@ def check_beside(make: Callable, steps: int = 200) -> None:
     require(
         np.allclose(got, line, atol=1e-3), "With a network that gives 0, yours must be the line, in mm and unscaled."
     )
+    saved = sum(value.numel() for value in still.state_dict().values())
+    require(
+        saved > weights.size,
+        "The line's weights are a plain attribute: they would be missing in a saved model; use self.register_buffer.",
+    )
     model = make(_Ones(sizes[0], 1.0), weights, face.params, face.offsets)
     trained = [weight for weight in model.parameters() if weight.requires_grad]
     require(trained, "Nothing in your model can be trained: keep the network as an attribute, as self.network.")
@@ -213,6 +229,10 @@ def check_beside(make: Callable, steps: int = 200) -> None:
         "The line's weights are trained, too: keep them as a buffer, by self.register_buffer, so they stay ridge's.",
     )
     given = model(torch.from_numpy(face.params[:1]))
+    require(
+        not np.allclose(given.detach().numpy(), line, atol=1e-4),
+        "Your model gives the line alone: does forward add the network, times its unit?",
+    )
     sentence = "No gradient reaches the network: leave out .detach() and torch.no_grad()."
     require(given.requires_grad, sentence)
     unit = float((given.detach().numpy() - line).mean())

@@ -42,7 +42,8 @@ show(*face_as_pictures(record, rig.mesh, pictures))
 #
 # $$u = \frac{c}{\text{size} - 1}, \qquad v = \frac{r}{\text{size} - 1},$$
 #
-# so the outermost pixels lie *on* the border of the chart. Vertex $i$ has a fixed place $(u_i, v_i)$, and its offset is
+# so the outermost pixels lie *on* the border of the chart. Row 0 is $v = 0$: `image[0]` is the *bottom* row of the
+# pictures above, in which $v$ points up. Vertex $i$ has a fixed place $(u_i, v_i)$, and its offset is
 # what it reads there: $\boldsymbol\Delta = g(I; U)$, in the paper's words. It reads the four pixels around it. With the
 # place in pixels, $x = u\,(\text{size} - 1)$ and $y = v\,(\text{size} - 1)$, the first pixel $c = \lfloor x \rfloor$,
 # $r = \lfloor y \rfloor$, and the rest $a = x - c$, $b = y - r$:
@@ -118,7 +119,8 @@ check_spread(spread, sample, parts)
 # ## The best map
 #
 # How good can a map of some size be, whatever network draws it? That is a least-squares problem, and its answer is a
-# **floor**: no network with such a map gets below it.
+# **floor**: no network with such a map has a smaller sum of squared distances, in mm². (The charts below show the mean
+# distance and the normal error instead. There it is a good guide, but no strict bound, for nothing has minimised them.)
 #
 # $$\min_I\ \|\mathbf G I - \boldsymbol\Delta\|^2 + \lambda \|I\|^2, \qquad \lambda = 10^{-6}.$$
 #
@@ -159,8 +161,8 @@ def best_map(offsets, uv, size):
 check_best_map(best_map, sample, parts, offsets)
 
 # %% [markdown]
-# **Your maps** now hold the whole face, one map for each part of it; only the teeth need none. How many pixels does a
-# forehead need?
+# **Your maps** now hold the whole face, one map for each part of it. Only the 24 teeth (1,300 of the 12,510 vertices)
+# have none: each is rigid, so a rotation and a shift place it. How many pixels does a forehead need?
 
 # %%
 held = {size: record.neutral + read_all(best_map, sample, parts, offsets, size) for size in (4, 8, 16, 32, 64)}
@@ -192,7 +194,8 @@ move(
 
 # %% [markdown]
 # Now the numbers, and beside them what the paper's trained networks make of the same pose: *coarse* draws maps of 32×32
-# pixels, *refined* adds larger maps where the coarse ones lose most.
+# pixels, *refined* adds larger maps where the coarse ones lose most. So compare the coarse network with your point at
+# 32 pixels; the refined one has more pixels than that, and may lie below it.
 
 # %%
 from course.lesson5 import floor_chart
@@ -202,10 +205,12 @@ show(*floor_chart(record, held, networks))
 
 # %% [markdown] think="whose fault"
 # **Think.** Take the size of the coarse network's maps. How much of its error is the map's fault? What would larger
-# maps change? And is a floor of nearly zero good news?
+# maps change? And is a floor of nearly zero good news? Commit to a share in per cent, in mm and in degrees, before you
+# open the answer.
 # <details><summary>Answer</summary>
 #
-# Compare your point at 32 pixels with the dashed line. What lies between them is not the map's fault: such maps
+# Divide your point at 32 pixels by the height of the dashed line: that share, in mm and in degrees, is about what
+# the map costs. What lies between them is not the map's fault: such maps
 # *exist*, and the network doesn't draw them. Where the gap is wide, larger maps only lower a floor that nobody stands
 # on. Where it is narrow, they are what you need.
 #
@@ -231,7 +236,9 @@ show(*loss_picture(rig.mesh, parts, np.mean(lost, axis=0), 32))
 
 # %% [markdown]
 # **Look.** Where does the chart lose, and what do its triangles have in common there? Compare their size with the
-# grid's. Which part has more vertices than its map has pixels? And why is the mouth on the list? Then open [Figure 8's
+# grid's. Which parts have more vertices than their maps have pixels? (Five have more than 1,024: the four
+# bands of the face and the cranium; the first cell printed all counts.) And why does the picture show the mouth, which
+# has pixels enough? Think of two lips that are near in the chart and move apart. Then open [Figure 8's
 # notebook](../../notebooks/figure08.ipynb): it has the same face in one chart, `teen@one_face`.
 #
 # ## What draws the map: the decoder
@@ -239,7 +246,8 @@ show(*loss_picture(rig.mesh, parts, np.mean(lost, axis=0), 32))
 # The paper's network (its Fig. 3) turns controls into a map. Dense layers first, because controls have no neighbours;
 # then convolutions, because pixels have.
 #
-# 1. `net.dense`: linear layers. A leaky ReLU with slope `net.slope` follows each **but the last**.
+# 1. `net.dense`: linear layers, to 256 numbers and then to 512. A leaky ReLU with slope `net.slope` follows each **but
+#    the last**.
 # 2. Reshape the last one's 512 numbers to 8 rows, 8 columns and 8 channels, in this order: `(b, 8, 8, 8)`. PyTorch's
 #    convolutions want the channels before rows and columns: `.permute(0, 3, 1, 2)`.
 # 3. `net.upsampled`: for each of these 3×3 convolutions double the image, by `interpolate(x, scale_factor=2,
@@ -295,8 +303,13 @@ print(f"learned behind the first 256 numbers: {learned:,}; with a dense last lay
 # floor, and what to the two networks?
 # <details><summary>Answer</summary>
 #
-# The floor hardly minds: there are as many pixels as before, though crowds and gaps lie elsewhere. The dense network
-# doesn't mind at all, it never knew which pixels are neighbours. The CNN loses what it was built on. It shares its
+# The floor rises, by far. The places are the same ones, so crowds and gaps stay where they were. But the offsets were
+# smooth over the map: where several vertices share four pixels, they wanted nearly the same, and a blend of four served
+# them all. After the shuffle strangers share pixels, and no blend serves them. Try it: permute the rows of each part's
+# `uv`, and fit 32×32 pixels again. With a pixel for each vertex the order would be nothing to the floor.
+#
+# That much hurts both networks. Otherwise the dense one doesn't mind: it never knew which pixels are neighbours. The
+# CNN also loses what it was built on. It shares its
 # weights among all places, which is right only where neighbouring pixels belong to neighbouring pieces of skin that
 # move alike. That assumption is worth many weights, and it ends at every seam between charts.
 # </details>

@@ -5,8 +5,9 @@
 # to start from, and measure what that is worth; explain why a layer that multiplies suits a face rig.
 #
 # **What should a network learn of a face, and what is better handed to it?** Below is a test pose of the teen, by
-# the rig and by five approximations. *Refined* is the paper's CNN, *dense* what it is compared with, *linear* a
-# straight line that took seconds to fit, and *regional* are small networks with all that this lesson is about.
+# the rig and by five approximations. *LBS* is linear blend skinning (lesson 3), *refined* the paper's CNN, *dense*
+# plain networks of dense layers that it is compared with, *linear* a straight line that took seconds to fit, and
+# *regional* are small networks with all that this lesson is about.
 
 # %%
 from replicate.base.paths import REFERENCE
@@ -24,7 +25,7 @@ show_picture(REFERENCE / "figure10_teen.png")
 # $\mathbf V-\mathbf V^0$ in mm.
 #
 # Ridge regression from lesson 2 gives one matrix $W$ with $\Delta\approx(\mathbf p,1)\,W$; its last row is the
-# constant.
+# constant. $\Delta$ are the offsets. (The head and its poses take some 20 seconds to make.)
 
 # %%
 import torch
@@ -52,7 +53,9 @@ for name, offsets in (("the face at rest", 0 * line), ("the straight line", line
 # of face $j$: the cross product of two of its edges, over its length. A batch has the mean of its poses' losses.
 #
 # **Exercise 1: the loss** (12 minutes). All in torch, so that gradients flow. A face without area has no
-# direction; give it the normal 0, since one NaN in a gradient is enough to ruin all weights.
+# direction; give it the normal 0. Unlike the mean in lesson 4, $f$ counts it. Mind the gradient there, too: one NaN,
+# or a slope of $10^{12}$, is enough to ruin all weights. Dividing by a tiny number has such a slope. Safe is a *double
+# where*: replace the squared length by 1 where it is 0, *before* the root and the division, and the result by 0 after.
 
 
 # %%
@@ -69,7 +72,10 @@ def loss(vertices, target, faces, alpha):
     ### BEGIN SOLUTION
     def normals(positions):
         a, b, c = (positions[:, faces[:, k]] for k in range(3))
-        return nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1)
+        cross = torch.linalg.cross(b - a, c - a)
+        squared = cross.square().sum(-1, keepdim=True)
+        empty = squared == 0
+        return torch.where(empty, 0.0, cross / torch.where(empty, 1.0, squared).sqrt())
 
     distance = (vertices - target).abs().sum(-1).mean()
     turned = (normals(vertices) - normals(target)).abs().sum(-1).mean()
@@ -124,8 +130,10 @@ for alpha in (0.05, 5.0, alpha_in_mm(10, 50 / 3, 450), alpha_in_mm(1, 5, 1000)):
 show(*lesson6.balances(logs, ridge, rest))
 
 # %% [markdown]
-# In this loss a head that is placed wrong as a whole costs nothing in normals. At a large α most of the gradient
-# is about normals, and the steps of training are spent on them: the head stays where it started.
+# (`train` also clips gradients, to a norm of 1 over all weights, so a larger loss doesn't take larger steps.)
+#
+# In this loss a head that is shifted as a whole costs nothing in normals; one that is turned does. At a large α most
+# of the gradient is about normals, and the steps of training are spent on them: the head stays where it started.
 # [bench_released](../../notebooks/bench_released.ipynb) follows this up on a whole character, one setting at a
 # time.
 #
@@ -133,7 +141,8 @@ show(*lesson6.balances(logs, ridge, rest))
 # After 400 steps, is the network with α = 5 below the line? Compare the dot with the cross. Most of what it has
 # learnt so far, the line had after a second.
 #
-# So give it to the network. The line stays fixed, the network adds to it, and what it has to learn is
+# So give it to the network. The line stays fixed (the suite's regional method starts from the same line, but goes on to
+# train it), the network adds to it, and what it has to learn is
 # $\Delta-(\mathbf p,1)W$, what the line leaves. Two details matter:
 #
 # - The network's outputs should be about 1 in size, so they are multiplied by a length. It is the RMS (the root
@@ -193,6 +202,11 @@ show(*lesson6.curves(ridge, {"network": logs[5.0], "network beside the line": lo
 models = {"network": alone, "network beside the line": both}
 predictions = {name: lesson6.predict(model, face.test_params) for name, model in models.items()}
 show(*lesson6.heads(face, {"line": line, **predictions}))
+print(lesson6.wins(face, line, predictions["network"]))
+
+# %% [markdown]
+# One pose is not the mean. In an extreme one a network may beat the line that is ahead of it over all test poses: so
+# compare the picture's numbers with the two shares that are printed.
 
 # %% [markdown]
 # **Try.** Train both with `steps=1600`. Does the plain network get below the line? Does it catch up with yours?
@@ -272,7 +286,7 @@ show(*lesson6.products(shapes))
 # beyond (`replicate/regional/networks.py`).
 #
 # **Try.** Replace the small network in `BesideLine` by one with your gated layer, `steps=400`. It may well be no
-# better: gates are slow to start. Try a learning rate four times as large (`lesson6.RATE`), and more steps.
+# better: gates are slow to start. Try a learning rate four times as large (`rate=0.02` in `train`), and more steps.
 #
 # ## 6. Regions: what a network need not see
 # One network for the whole head has to learn that an ear does *not* depend on the lips, from poses in which all
@@ -285,13 +299,18 @@ show(*lesson6.regions(face))
 
 # %% [markdown]
 # What are these pieces worth on a real character? The [study of our method](../../notebooks/bench_regional.ipynb)
-# changes one thing at a time on the teen, all with the same steps. The base is one network for all regions, with
-# line and gates; the table has its errors multiplied by …
+# changes the method on the teen, all with the same steps. The base is one network for all regions, with line and
+# gates, on two hidden layers of 384. The table has its errors on *validation* poses multiplied by …
 
 # %%
 lesson6.pieces()
 
 # %% [markdown]
+# Rows under *removed* take a piece away, or put a plainer one in its place; those under *added* put one in. Not every
+# row changes one thing. A network for each region has hidden layers of 128 in place of 384, twice the learning rate,
+# and more bytes. One region has more components (148), so that the bytes are as many. Keep that in mind before you
+# credit a factor to the name of its row.
+#
 # **Look.** Which piece is worth most in millimetres, which in degrees? Which would you give up first? Each row is
 # *one* training: how large would a factor have to be before you believed it? (That is lesson 8.)
 #

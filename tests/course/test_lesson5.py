@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import torch
 from lesson_source import answers
+from scipy.sparse.linalg import lsmr
 from torch.nn.functional import interpolate, leaky_relu
 
 from course.checks import Wrong
 from course.checks.lesson5 import check_best_map, check_decode, check_sample, check_spread
 from course.lesson5 import charts, fresh_dense, fresh_network, read_all, weights_of
+from replicate.approximation.deformation_map import bilinear, sampling_matrix
 from replicate.geometry.mesh import Mesh
 
 SOLVED = answers("lesson5")
@@ -78,6 +80,7 @@ SAMPLES = {
     "expected an array of the shape": lambda image, uv: sample(image, uv)[..., 0],
     "changes its arguments": in_place,
     "u and v are swapped": lambda image, uv: sample(image, uv[:, ::-1]),
+    "rows are flipped": lambda image, uv: sample(image[::-1], uv),
     "You take the nearest pixel": nearest,
     "multiply by size − 1": by_size,
     "you leave the map": beyond_the_border,
@@ -110,6 +113,9 @@ SPREADS = {
     "Not all of a value arrives": means,
     "don't go where sample reads": lambda values, uv, size: spread(values, uv[:, ::-1], size)[::-1],
     "adds only once": adds_once,
+    "one channel your image has the shape": lambda values, uv, size: spread(
+        np.broadcast_to(values, (len(values), 3)), uv, size
+    ),
 }
 
 
@@ -136,6 +142,30 @@ def test_a_wrong_map_is_told_what_is_wrong(sentence, parts, offsets):
         parts = {"many": parts["many"]}
     with pytest.raises(Wrong, match=sentence):
         check_best_map(MAPS[sentence], sample, parts, offsets)
+
+
+def solved_by(reshape=False, **changed):
+    """Return a best map that calls lsmr with other options, or reshapes its solutions as they come."""
+
+    def run(offsets, uv, size):
+        matrix = sampling_matrix(bilinear(uv, size))
+        options = {"damp": 1e-3, "atol": 1e-8, "btol": 1e-8, "maxiter": 400} | changed
+        channels = [lsmr(matrix, one, **options)[0] for one in offsets.T]
+        return np.stack(channels, axis=0 if reshape else 1).reshape(size, size, 3)
+
+    return run
+
+
+@pytest.mark.parametrize("changed", [{"maxiter": 30}, {"damp": 0.01}])
+def test_a_map_that_is_not_solved_to_the_end_is_told_so(changed, parts, offsets):
+    check_best_map(solved_by(), sample, parts, offsets)
+    with pytest.raises(Wrong, match="the gradient is not zero there"):
+        check_best_map(solved_by(**changed), sample, parts, offsets)
+
+
+def test_channels_one_after_the_other_are_told_apart_from_a_missing_damp(parts, offsets):
+    with pytest.raises(Wrong, match="one after the other"):
+        check_best_map(solved_by(reshape=True), sample, parts, offsets)
 
 
 def planted(fault):

@@ -28,8 +28,7 @@ def terms(vertices, target, faces, unit=True):
 
 
 def right(vertices, target, faces, alpha):
-    distance, turned = terms(vertices, target, faces)
-    return distance + alpha * turned
+    return reference_loss(vertices, target, faces, alpha, vertices.shape[1], len(faces))
 
 
 def by_plain_division(vertices, target, faces, alpha):
@@ -39,6 +38,18 @@ def by_plain_division(vertices, target, faces, alpha):
 
     distance, _ = terms(vertices, target, faces)
     return distance + alpha * (unit(vertices) - unit(target)).abs().sum(-1).mean()
+
+
+def leaving_out_empty_faces(vertices, target, faces, alpha):
+    distance, _ = terms(vertices, target, faces)
+    turned = (unit_normals(vertices, faces) - unit_normals(target, faces)).abs().sum(-1)
+    full = normals(vertices, faces, unit=False).detach().abs().sum(-1) > 0
+    return distance + alpha * turned[full].mean()
+
+
+def with_normalize(vertices, target, faces, alpha):
+    distance, turned = terms(vertices, target, faces)
+    return distance + alpha * turned
 
 
 def in_place(vertices, target, faces, alpha):
@@ -120,6 +131,8 @@ def test_the_suites_own_loss_passes():
         (lambda v, t, f, a: right(v, t, f, a) + 0.1, "yours"),
         (in_place, "in place"),
         (by_plain_division, "without area"),
+        (leaving_out_empty_faces, "unlike lesson 4"),
+        (with_normalize, "a tiny divisor"),
     ],
 )
 def test_a_wrong_loss_is_told_why(loss, sentence):
@@ -135,6 +148,22 @@ def test_a_missing_answer_says_so_itself():
     for check in (check_loss, check_units, check_beside):
         with pytest.raises(NotImplementedError):
             check(nothing)
+
+
+@pytest.mark.usefixtures("on_sheet")
+def test_curves_bear_any_names_and_training_takes_its_rate_as_an_argument(made_up):
+    logs = {}
+    for rate in (0.005, 0.02):
+        model = lesson6.Alone(lesson6.small_network(made_up), lesson6.rms(made_up.offsets))
+        logs[f"rate {rate}"] = lesson6.train(model, made_up, right, steps=8, every=8, rate=rate)
+    assert logs["rate 0.005"][0] == logs["rate 0.02"][0] and logs["rate 0.005"][-1] != logs["rate 0.02"][-1]
+    _, words = lesson6.curves((1.0, 1.0), logs)
+    assert "over 8 steps" in words.alt
+
+
+def test_the_line_and_a_network_are_compared_pose_by_pose(made_up):
+    truth = made_up.test_offsets
+    assert "on 100% in mm, on 100% in degrees" in lesson6.wins(made_up, truth, 0 * truth)
 
 
 def test_the_solved_balance_passes(capsys):
@@ -176,6 +205,14 @@ class Trainable(SOLVED["BesideLine"]):
         self.weights = nn.Parameter(weights)
 
 
+class Plain(SOLVED["BesideLine"]):
+    def __init__(self, *given):
+        super().__init__(*given)
+        weights = self.weights
+        del self.weights
+        self.weights = weights.clone()
+
+
 class WholeUnit(SOLVED["BesideLine"]):
     def __init__(self, network, weights, params, offsets):
         super().__init__(network, weights, params, offsets)
@@ -187,6 +224,8 @@ class WholeUnit(SOLVED["BesideLine"]):
     ("model", "sentence"),
     [
         (Trainable, "trained, too"),
+        (Plain, "plain attribute"),
+        (changed(forward=lambda self, p: self.line(p)), "does forward add the network"),
         (WholeUnit, "RMS of all offsets"),
         (changed(forward=lambda self, p: self.line(p) + self.network(p)), "gives mm as it is"),
         (changed(forward=lambda self, p: self.unit_mm * self.network(p)), "where is the line"),
