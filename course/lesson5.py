@@ -116,7 +116,8 @@ def floor_chart(
             axes.axhline(pair[which], color="#D55E00", linestyle=style)
             place = "bottom" if pair[which] == highest else "top"  # such lines may be as good as one
             words, across = f"{name} {pair[which]:.2f}", axes.get_yaxis_transform()
-            axes.text(1, pair[which], words, ha="right", va=place, color="#D55E00", transform=across)
+            up = (0, 2 if place == "bottom" else -2)
+            axes.annotate(words, (1, pair[which]), up, across, "offset points", ha="right", va=place, color="#D55E00")
         axes.set_xscale("log", base=2)
         error_scale(axes, "y")
         axes.set_xticks(list(found), [str(size) for size in found])

@@ -323,6 +323,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise InputError(f"--name: expected a name of at most 40 letters, got {options.name!r}")
     file = options.to.expanduser().absolute()
     check_output_file(file)
+    if not file.parent.is_dir():
+        raise InputError(f"--to: there is no folder {shown_path(file.parent)}")
     check_writable(file.parent, "--to")
     read_rows(file)
     lines = check_source(Path(options.method).expanduser()) if options.method.endswith(".py") else None
@@ -340,6 +342,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         round(score.pose_ms, 3),
         lines,
     )
+    if lines is not None and score.size_mb is None:
+        print(
+            f"{found[0].name}: it has no size; call context.note(size_mb=…) in a stage that is named like the method",
+            file=sys.stderr,
+        )
     print("\n" + in_words(put_row(file, row), seed))
 
 

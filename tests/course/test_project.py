@@ -131,6 +131,25 @@ def test_a_students_row_is_put_beside_the_given_ones_and_replaced(board, capsys)
     assert "Ada Lovelace  mine" in capsys.readouterr().out
 
 
+def test_a_method_without_a_size_is_warned_of(board, capsys):
+    file = written(board, "project_renamed", NEAREST, ('Method("nearest"', 'Method("mine"'))
+    leaderboard.main([str(file), "--name", "Ada", "--to", str(board / "renamed.csv")])
+    assert "mine: it has no size; call context.note(size_mb=…) in a stage" in capsys.readouterr().err
+    changes = [(f'"nearest"{end}', f'"mine"{end}') for end in (", tabulate", "] /", ', "Nearest')]
+    file = written(board, "project_whole", NEAREST, *changes)
+    leaderboard.main([str(file), "--name", "Ada", "--to", str(board / "whole.csv")])
+    assert "it has no size" not in capsys.readouterr().err
+    assert next(row for row in leaderboard.read_rows(board / "whole.csv") if row.method == "mine").size_mb > 10
+
+
+def test_predictions_of_another_shape_are_told_in_a_sentence(board, capfd):
+    change = ("return lambda wanted: neutral + offsets[", "return lambda wanted: neutral[None, :5] + offsets[:, :5][")
+    file = written(board, "project_shape", METHOD, change)
+    words = [str(file), "--name", "Ada", "--to", str(board / "shape.csv")]
+    assert guard(lambda: leaderboard.main(words)) == 1
+    assert re.search(r"method mine: expected vertices \(\d+, 918, 3\), .* got ndarray", capfd.readouterr().err)
+
+
 def test_decoys_and_hidden_poses_are_halves_of_the_unique_test_poses():
     params = np.repeat(np.arange(9.0), 2)[:, None]
     decoys, hidden = leaderboard.halves(params, 0)
@@ -222,6 +241,7 @@ def test_bad_names_seeds_and_files_are_told_in_a_sentence(tmp_path, capsys):
         ("--name", "x" * 41, "expected a name of at most 40 letters"),
         ("--seed", "-1", "--seed: expected a whole number from 0 to"),
         ("--to", tmp_path, "expected a regular file, got a folder"),
+        ("--to", tmp_path / "gone" / "table.csv", "--to: there is no folder"),
         ("--to", tmp_path / "table.csv", "line 1: expected the header 'name,method,seed,"),
         ("--to", tmp_path / "cells.csv", "line 2: normal_error_deg: expected a finite number, got 'good'"),
     ):
