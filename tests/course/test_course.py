@@ -16,7 +16,7 @@ from replicate.base.paths import ROOT
 
 build = builder()
 LESSONS = [source.stem for source in build.SOURCES]
-LARGEST = 500_000  # bytes of a notebook
+LARGEST = 600_000  # bytes of a notebook
 
 
 def bare(notebook):
