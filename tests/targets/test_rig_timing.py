@@ -74,6 +74,10 @@ def rounds(monkeypatch):
             seen.append((*self.key, evaluations))
             advance(evaluations)
 
+    class Rig(rows.TimedRig):
+        def __init__(self, name):
+            self.turns = {where: Recorder(name, where) for where in ("all", "one")}
+
     def run(evaluations):
         monkeypatch.setattr(rows, "settings_of_cores", lambda: [(w, nullcontext()) for w in ("all", "one")])
         done = []
@@ -83,12 +87,7 @@ def rounds(monkeypatch):
             yield SimpleNamespace(update=done.append)
             assert sum(done) == total
 
-        rigs = {
-            RigSettings(name, "quick", (), (), count, (), ""): SimpleNamespace(
-                turns={where: Recorder(name, where) for where in ("all", "one")}
-            )
-            for name, count in evaluations.items()
-        }
+        rigs = {RigSettings(name, "quick", (), (), count, (), ""): Rig(name) for name, count in evaluations.items()}
         rows.take_turns(rigs, progress)
         return [turn for turn in seen if turn[2]]
 
