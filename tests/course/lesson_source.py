@@ -1,9 +1,13 @@
 """What a lesson's exercises are when they are solved, from its source."""
 
+import ast
 import importlib.util
 import sys
 from functools import cache
 
+import pytest
+
+from course.checks import Wrong
 from replicate.base.paths import ROOT
 
 
@@ -22,8 +26,6 @@ def answers(lesson):
 
     Of the cells that are given, only lines that import are executed, and assignments of CAPITALS.
     """
-    import ast
-
     build = builder()
     (source,) = build.chosen([lesson])
     names = {}
@@ -38,12 +40,20 @@ def answers(lesson):
 
 
 def is_import(node):
-    import ast
-
     return isinstance(node, ast.Import | ast.ImportFrom)
 
 
 def is_constant(node):
-    import ast
-
     return isinstance(node, ast.Assign) and all(isinstance(t, ast.Name) and t.id.isupper() for t in node.targets)
+
+
+def assert_told_as_not_begun(check, *given):
+    """See that a check lets an exercise's own NotImplementedError pass, and says that None is no answer."""
+
+    def begun(*arguments):
+        raise NotImplementedError
+
+    with pytest.raises(NotImplementedError):
+        check(begun, *given)
+    with pytest.raises(Wrong, match="returns None"):
+        check(lambda *arguments: None, *given)
