@@ -144,7 +144,6 @@ class RigidConfig(Checked):
 
     tau_mm: float = number(0.3, 0.0, 1000.0)  # on the mean of Eq. 3
     attachments: int = number(10, 3, 10_000)  # c of Eq. 4
-    poses: int = number(200, 2, 1_000_000)  # training poses that Eq. 3 and 4 are evaluated on
 
 
 @dataclass(frozen=True)
@@ -319,7 +318,6 @@ PROFILES: dict[str, dict] = {
         "coarse": _one_cycle(800),
         "refinement": {"poses": 200, **_one_cycle(500)},
         "dense": _one_cycle(600),
-        "rigid": {"poses": 100},
         "lbs": {"samples": 200, "relaxed": 10, "iterations": 15, "refit_sweeps": 40},
         "driven": _one_cycle(400),
         "evaluation": {"test_poses": 200, "floor_poses": 50},

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from data_recipes.controls import Control
 from data_recipes.sampled.shards import DAMAGE
 from replicate.base.exceptions import InputError
-from replicate.base.schema import Checked, identifier, naming, number, numbers, read_table, shown
+from replicate.base.schema import Checked, identifier, names, naming, number, numbers, read_table, shown
 from replicate.base.user_files import read_text, read_toml, shown_path
 
 FACE_FILE = "face.toml"
@@ -71,6 +71,7 @@ class FaceFile(Checked):
     unit, up: of the mesh and of the poses.
     mesh: a file of the folder.
     segments: what makes a segment of the mesh.
+    rigid: names of segments that move rigidly; () has the poses show which do.
     eyes: the middle between the eyeballs, in the file's unit and axes; () has it guessed from the face's size.
     """
 
@@ -83,6 +84,7 @@ class FaceFile(Checked):
     source: str = ""
     licence: str = ""
     eyes: tuple[float, ...] = numbers((), 3, -FAR, FAR, optional=True)
+    rigid: tuple[str, ...] = names(what="segments")
     points: Points = Points()
 
     def __post_init__(self) -> None:

@@ -175,11 +175,16 @@ def made_chart(
     return one_place(used[of_new[places]].ravel(), places.ravel(), stretched(corners, corners), members)
 
 
+def clean_name(name: str) -> str:
+    """Return a segment's name with other characters than letters, digits, _ and - replaced."""
+    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME] or WITHOUT_NAME
+
+
 def _clean_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return names that differ and consist of letters, digits, _ and -."""
     clean: list[str] = []
     for name in names:
-        stem = re.sub(r"[^\w-]+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME] or WITHOUT_NAME
+        stem = clean_name(name)
         chosen, k = stem, 1
         while chosen in clean:
             k += 1

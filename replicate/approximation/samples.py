@@ -111,6 +111,20 @@ class SampleSet:
         return bin_index(self.bins)
 
 
+@dataclass(frozen=True)
+class PosedSamples:
+    """The training samples' vertices (N, n, 3) in mm, read some at a time: `posed[:100]`. neutral: (n, 3), mm."""
+
+    neutral: np.ndarray
+    samples: SampleSet
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, rows: slice) -> Float32[np.ndarray, "k n 3"]:
+        return self.neutral + self.samples.offsets(np.arange(*rows.indices(len(self))))
+
+
 def quantise(offsets: Float32[np.ndarray, "b n 3"]) -> tuple[Int16[np.ndarray, "b n 3"], Float32[np.ndarray, " b"]]:
     """Return offsets as whole steps, and each pose's step in mm: its largest offset over 32767."""
     steps = np.abs(offsets).max(axis=(1, 2)).astype(np.float32) / np.float32(INT16_MAX)
