@@ -19,8 +19,8 @@ from jaxtyping import Float, Int
 
 from data_recipes.gltf.compression import MESHOPT, decode_meshopt, is_installed
 from replicate.base.exceptions import InputError
-from replicate.base.schema import cut, shown
-from replicate.base.user_files import read_bytes
+from replicate.base.schema import cut, naming, shown
+from replicate.base.user_files import read_bytes, shown_path
 
 MOST_BYTES = 400_000_000
 MOST_ELEMENTS = 20_000_000  # of an accessor
@@ -73,6 +73,19 @@ def read_document(file: Path) -> Document:
         if name not in READ and not any(word in name for word in HARMLESS):
             raise InputError(f"it needs the extension {cut(name)!r}, which isn't read here: export it without")
     return Document(tree | {"extensionsRequired": required}, file.parent, chunk)
+
+
+def buffer_files(file: Path) -> tuple[Path, ...]:
+    """Return the files beside a glTF that its buffers are in. Raises InputError as `read_document` does."""
+    with naming(shown_path(file)):
+        document = read_document(file)
+        uris = [(entry.get("uri"), f"buffers[{k}].uri") for k, entry in enumerate(document.tree["buffers"])]
+        found = [_file_beside(file.parent, uri, place) for uri, place in uris if _is_file(uri)]
+    return tuple(dict.fromkeys(found))
+
+
+def _is_file(uri: Any) -> bool:
+    return isinstance(uri, str) and uri[:5].lower() != "data:"
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
@@ -321,7 +334,9 @@ def _buffer(document: Document, index: int) -> bytes:
         data = document.chunk
     elif not isinstance(uri, str):
         raise InputError(f"{place}.uri: expected a file's name or a data URI, got {shown(uri)}")
-    elif uri[:5].lower() == "data:":
+    elif _is_file(uri):
+        data = read_bytes(_file_beside(document.folder, uri, f"{place}.uri"), MOST_BYTES)
+    else:
         head, _, text = uri.partition(",")
         try:
             data = base64.b64decode(unquote(text), validate=True)
@@ -329,8 +344,6 @@ def _buffer(document: Document, index: int) -> bytes:
             data = None
         if data is None or not head.endswith(";base64"):
             raise InputError(f"{place}.uri: expected data in base64, got {shown(uri)}")
-    else:
-        data = _file_beside(document.folder, unquote(uri), f"{place}.uri")
     if len(data) < length:
         raise InputError(f"{place}: expected {length} bytes, got {len(data)}")
     if sum(map(len, document.buffers.values())) + length > MOST_BYTES:
@@ -339,14 +352,16 @@ def _buffer(document: Document, index: int) -> bytes:
     return document.buffers[index]
 
 
-def _file_beside(folder: Path, name: str, place: str) -> bytes:
+def _file_beside(folder: Path, uri: str, place: str) -> Path:
+    """Return the file that a URI names. Raises InputError unless it lies in the folder."""
+    name = unquote(uri)
     try:
         file, home = (folder / name).resolve(), folder.resolve()
     except (OSError, ValueError, RuntimeError):  # a NUL, a circle of links
         file = home = folder
     if ":" in name or "\\" in name or file == home or not file.is_relative_to(home):
         raise InputError(f"{place}: expected a file in the same folder, got {shown(name)}")
-    return read_bytes(file, MOST_BYTES)
+    return folder / name
 
 
 def name_of(entry: dict[str, Any], default: str) -> str:
