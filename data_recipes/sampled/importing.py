@@ -12,6 +12,7 @@ from jaxtyping import Float, Float64, Int
 
 from data_recipes.rig import INT16_MAX, Clip, KnownPoses, create
 from data_recipes.sampled.face_file import FACE_FILE, INFLUENCE_FILE, FaceFile
+from data_recipes.sampled.mesh_file import buffers_of
 from data_recipes.sampled.sample_folder import NEUTRAL, SampleFolder, check_size, check_vertices, read_folder
 from data_recipes.sampled.sampled_rig import SampledRig
 from data_recipes.sampled.segment_charts import clean_name, make_mesh
@@ -42,8 +43,10 @@ def import_rig(
     poses with the same parameters and different vertices.
     """
     mesh_file, _, *others = files
-    shards = [file for file in others if file.name != INFLUENCE_FILE]
-    found = read_folder(mesh_file.parent, recipe.face, shards, influence=len(shards) < len(others))
+    influence = any(file.name == INFLUENCE_FILE for file in others)
+    apart = {mesh_file.parent / INFLUENCE_FILE, *buffers_of(mesh_file)}
+    shards = [file for file in others if file not in apart]
+    found = read_folder(mesh_file.parent, recipe.face, shards, influence)
     check_size(found)
     shift = placement(found.vertices_mm, recipe.face)
     mesh = make_mesh(found.neutral, recipe.face.segments, found.vertices_mm + shift, shown_path(mesh_file))

@@ -1,20 +1,21 @@
-"""The neutral pose of a folder of samples as its file has it: an OBJ, read line by line, or a GLB.
+"""The neutral pose of a folder of samples as its file has it: an OBJ, read line by line, a GLB or a glTF.
 
 General OBJ readers split or merge vertices at the seams of charts. Here they keep the order that the poses have too.
 """
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from data_recipes.gltf.document import buffer_files
+from data_recipes.gltf.gltf_face import read_gltf
 from replicate.base.exceptions import InputError
-from replicate.base.schema import cut, shown
-from replicate.base.user_files import read_bytes, read_text, shown_path
+from replicate.base.schema import shown
+from replicate.base.user_files import read_text, shown_path
 
 MOST_BYTES = 400_000_000
 MOST_CORNERS = 64  # of a polygon
@@ -47,7 +48,7 @@ def read_mesh(file: Path) -> NeutralFile:
     Raises InputError, naming the line or the index, for texts in place of numbers, faces with vertices that don't
     exist, texture coordinates at some corners only, and vertices without a face.
     """
-    mesh = _read_obj(file) if file.suffix.lower() == ".obj" else _read_glb(file)
+    mesh = _read_obj(file) if file.suffix.lower() == ".obj" else _read_gltf(file)
     where = shown_path(file)
     n = len(mesh.vertices)
     if not n or not len(mesh.faces):
@@ -65,6 +66,11 @@ def read_mesh(file: Path) -> NeutralFile:
     if len(unused):
         raise InputError(f"{where}: vertex {unused[0]} (from 0) is in no face: remove it from mesh and poses")
     return mesh
+
+
+def buffers_of(file: Path) -> tuple[Path, ...]:
+    """Return the files that a mesh file's content is in besides itself: buffers of a glTF."""
+    return buffer_files(file) if file.suffix.lower() == ".gltf" else ()
 
 
 def _read_obj(file: Path) -> NeutralFile:
@@ -150,40 +156,14 @@ def _index(text: str, count: int, kind: str, where: str) -> int:
     return index
 
 
-def _read_glb(file: Path) -> NeutralFile:
-    """Read the triangles of all meshes of a GLB's scene, placed as its nodes say."""
-    import trimesh  # an OBJ does without it
-
-    where, data = shown_path(file), read_bytes(file, MOST_BYTES)
-    try:
-        scene = trimesh.load(io.BytesIO(data), file_type="glb", force="scene", process=False)
-        parts = [(*scene.graph[node], node) for node in scene.graph.nodes_geometry]
-    except Exception as error:  # whatever its reader stumbles over
-        raise InputError(f"{where}: not a readable GLB ({cut(' '.join(str(error).split()))})") from None
-    vertices, faces, uv, groups, materials = [], [], [], [], []
-    first = 0
-    for transform, name, _ in parts:
-        mesh = scene.geometry[name]
-        if not isinstance(mesh, trimesh.Trimesh):
-            raise InputError(f"{where}: {shown(name)} has no triangles: every mesh must consist of triangles")
-        vertices.append(np.asarray(mesh.vertices, float) @ transform[:3, :3].T + transform[:3, 3])
-        faces.append(np.asarray(mesh.faces, np.int64) + first)
-        uv.append(getattr(mesh.visual, "uv", None))
-        material = getattr(getattr(mesh.visual, "material", None), "name", None)
-        groups += [str(name)] * len(mesh.faces)
-        materials += [str(material or NO_LABEL)] * len(mesh.faces)
-        first += len(mesh.vertices)
-    without = sum(of_mesh is None or len(of_mesh) == 0 for of_mesh in uv)
-    if 0 < without < len(uv):
+def _read_gltf(file: Path) -> NeutralFile:
+    """Read the triangles of a GLB's or glTF's scene, in file order; its nodes are the groups."""
+    face = read_gltf(file)
+    if face.uv is not None and not face.has_uv.all():
+        without = list(dict.fromkeys(np.array(face.nodes)[~face.has_uv[face.faces[:, 0]]]))
         raise InputError(
-            f"{where}: {without} of {len(uv)} meshes have no texture coordinates: give them to all meshes or to none"
+            f"{shown_path(file)}: {shown(', '.join(without))}: no texture coordinates, and other parts have some: give "
+            "them to all parts or to none"
         )
-    all_faces = np.concatenate([np.empty((0, 3), np.int64), *faces])
-    return NeutralFile(
-        np.concatenate([np.empty((0, 3)), *vertices]),
-        all_faces,
-        np.concatenate([np.asarray(of_mesh, float) for of_mesh in uv]) if uv and not without else None,
-        all_faces if uv and not without else None,
-        tuple(groups),
-        tuple(materials),
-    )
+    uv_faces = None if face.uv is None else face.faces
+    return NeutralFile(face.vertices, face.faces, face.uv, uv_faces, face.nodes, face.materials)
