@@ -105,9 +105,12 @@ class FaceFile(Checked):
 
     def to_ours(self, points: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3"]:
         """Return points of the files in mm and in our axes (y up, z forwards), without moving them."""
-        if self.up == "z":  # the face looks along -y
-            points = np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
-        return points * self.mm
+        return in_our_axes(points, self.up) * self.mm
+
+
+def in_our_axes(points: Float[np.ndarray, "*b 3"], up: str) -> Float[np.ndarray, "*b 3"]:
+    """Return points with y up and z forwards; where z is up, a face looks along -y."""
+    return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1) if up == "z" else points
 
 
 def read_face(folder: Path) -> FaceFile:

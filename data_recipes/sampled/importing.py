@@ -78,9 +78,9 @@ def import_rig(
     )
 
 
-def placement(vertices_mm: Float[np.ndarray, "n 3"], face: FaceFile) -> Float64[np.ndarray, " 3"]:
+def placement(vertices_mm: Float[np.ndarray, "n 3"], face: FaceFile | None = None) -> Float64[np.ndarray, " 3"]:
     """Return the shift that brings a face's eyes to where the cameras expect them."""
-    if face.eyes:
+    if face and face.eyes:
         return np.array(EYES_MM) - face.to_ours(np.array(face.eyes))
     low, high = vertices_mm.min(axis=0), vertices_mm.max(axis=0)
     scale = (high[0] - low[0]) / WIDTH_MM

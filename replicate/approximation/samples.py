@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, Int16
 
-from data_recipes.rig import BATCH, Clip, KnownPoses, Rig, has_function
+from data_recipes.rig import BATCH, Clip, KnownPoses, Rig, has_function, within_limits
 from replicate.approximation.sampling import (
     augment,
     balance_bins,
@@ -152,7 +152,7 @@ def choose_poses(
     split = {"frames": split_frames, "clips": split_clips}[config.split]
     animation, test = split([clip.values for clip in rig.clips], rng("split"), config.held_out)
     animation, validation = hold_out(animation, config.validation, rng("validation"))
-    training = augment(animation, config.count, rng("augment"), config.low, config.high)
+    training = within_limits(rig, augment(animation, config.count, rng("augment"), config.low, config.high))
     return dict(zip(PARTS, (training, validation, test), strict=True))
 
 

@@ -225,14 +225,14 @@ def test_attachments_come_back_from_disk_as_they_were(tmp_path):
 
 
 def eye_poses(turns=300, still=300):
-    """Poses in which the second segment turns by itself, in as many as the first number says; the skin stands still."""
+    """Poses in which the second segment turns by itself, in as many as the first number says, in skin that stands still."""
     mesh, rng = grid_mesh(), np.random.default_rng(9)
     poses = np.repeat(mesh.neutral[None].astype(np.float64), turns + still, 0)
     eye = mesh.segment == 1
     centre = mesh.neutral[eye].mean(0)
     for pose in poses[:turns]:
         pose[eye] = (pose[eye] - centre) @ rotation_about(rng.normal(size=3), 0.4) + centre
-    bent = mesh.segment == 2
+    bent = (mesh.segment == 2) | (mesh.segment == 0) & (mesh.neutral[:, 0] > 15)
     poses[:, bent] += rng.normal(size=(turns + still, bent.sum(), 3))
     return mesh, poses.astype(np.float32)
 
