@@ -296,9 +296,10 @@ def _packed(document: Document, primitive: dict[str, Any], place: str) -> dict[s
 def _unpack(
     document: Document, packed: dict[str, Any], place: str
 ) -> tuple[dict[int, np.ndarray], Int[np.ndarray, "f 3"]]:
-    view = reference(document, packed, "bufferView", f"{place}.extensions.{DRACO}", "bufferViews")
+    place = f"{place}.extensions.{DRACO}"
+    view = reference(document, packed, "bufferView", place, "bufferViews")
     if view is None:
-        raise InputError(f"{place}.extensions.{DRACO}: a bufferView is missing")
+        raise InputError(f"{place}: a bufferView is missing")
     return decode_draco(bytes(read_view(document, view)[0]), place)
 
 
