@@ -25,8 +25,8 @@ from data_recipes.ict.facekit_files import expression_names, model_files
 from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
-from data_recipes.rig import AlteredRig, Rig
 from data_recipes.recipe_paths import shape_file
+from data_recipes.rig import AlteredRig, Rig
 from data_recipes.sampled.face_file import read_controls
 from replicate.base.exceptions import InputError
 

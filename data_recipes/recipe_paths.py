@@ -68,7 +68,7 @@ def shape_file(character: str) -> Path | None:
     path = Path(os.path.abspath(character))
     if path.suffix.lower() in SHAPE_ENDINGS:
         return path
-    if "/" not in character and _is_there(RECIPES / f"{character}.toml") or _is_there(path / CONTROL_FILE):
+    if ("/" not in character and _is_there(RECIPES / f"{character}.toml")) or _is_there(path / CONTROL_FILE):
         return None
     try:
         return path if path.is_dir() and _has_meshes(path) else None

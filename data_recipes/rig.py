@@ -20,7 +20,18 @@ from data_recipes.controls import Control
 from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
-__all__ = ["BATCH", "AlteredRig", "Clip", "KnownPoses", "Prop", "Rig", "check_rig", "frames_per_second", "has_function", "within_limits"]
+__all__ = [
+    "BATCH",
+    "AlteredRig",
+    "Clip",
+    "KnownPoses",
+    "Prop",
+    "Rig",
+    "check_rig",
+    "frames_per_second",
+    "has_function",
+    "within_limits",
+]
 
 # Poses that rigs evaluate at once. Callers with many poses pass this many, so that no batch has to be padded. The
 # working memory of 24 film faces stays below 32 MiB; more would go back to the system after each call.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from data_recipes.acting.procedural_acting import Acting
 from data_recipes.gltf.document import buffer_files

@@ -6,6 +6,7 @@ tear them apart. The constants' `file_vertices` say where the file's vertices ar
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,15 @@ SAME_MM = 1e-4  # vertices that are no farther apart, at rest and in each shape,
 STILL_MM = 1e-3  # shapes that move nothing farther have no effect
 NEAR = 0.35  # of the size of what moves: still parts up to so far around it are shown
 MOVES_ALL = 0.6  # a control that moves a larger share of the vertices says nothing about regions
-SKIN_COLOUR = (0.76, 0.60, 0.52)
+# Colours for what the file has none for, by words in the names of parts; skin otherwise.
+COLOURS = (
+    ("teeth|tooth|dent", (0.90, 0.87, 0.78)),
+    ("eye(?!brow|lash|lid)|cornea|sclera", (0.93, 0.92, 0.90)),
+    ("hair|brow|lash|beard", (0.20, 0.14, 0.10)),
+    ("tongue|gum|mouth", (0.62, 0.30, 0.30)),
+    ("glass", (0.12, 0.12, 0.13)),
+    ("", (0.76, 0.60, 0.52)),
+)
 
 
 # The nodes: the sum of shapes, then the joints.
@@ -130,14 +139,18 @@ def build_shape_rig(recipe: ShapeRecipe, files: Sequence[Path]) -> FaceRig:
     check_names(face, list(source.targets), joint_names, where)
 
     # which parts are approximated, and which are only shown
-    offsets = np.stack(list(source.targets.values())) if source.targets else np.zeros((0, *source.neutral.vertices.shape))
+    offsets = (
+        np.stack(list(source.targets.values())) if source.targets else np.zeros((0, *source.neutral.vertices.shape))
+    )
     at_rest = np.array([source.weights.get(name, 0.0) for name in source.targets])
     vertices = source.neutral.vertices + np.tensordot(at_rest, offsets, 1)
     joints = _joints(face, source)
     moves = (np.abs(offsets).max(axis=(0, 2)) > STILL_MM) if len(offsets) else np.zeros(len(vertices), bool)
     moves |= joints["weights"].sum(axis=0) > 0 if len(joints["weights"]) else False
     labels = np.array(source.neutral.groups)
-    moving = [name for name in dict.fromkeys(source.neutral.groups) if moves[source.neutral.faces[labels == name]].any()]
+    moving = [
+        name for name in dict.fromkeys(source.neutral.groups) if moves[source.neutral.faces[labels == name]].any()
+    ]
     if not moving:
         raise InputError(f"{where}: no shape and no joint moves a vertex: nothing is left to approximate")
     ours = np.isin(labels, [*moving, *face.keep])
@@ -180,8 +193,7 @@ def build_shape_rig(recipe: ShapeRecipe, files: Sequence[Path]) -> FaceRig:
         "joints": _joint_constants(joints, controls, kept, shift),
         "file_vertices": {"place": place.astype(np.int32)},
     }
-    colours = np.tile(SKIN_COLOUR, (len(vertices), 1)) if source.colours is None else source.colours
-    paint = np.rint(255 * np.clip(colours, 0, 1)).astype(np.uint8)
+    paint = _paint(source)
     props = _props(source, vertices + shift, ours, mesh.neutral, paint, joints)
     chain = JOINTED if len(joints["controls"]) else SHAPES
     parts = FaceParts(constants, props, paint[kept], chain)
@@ -209,6 +221,17 @@ def _control(name: str, face: ShapeFace, weight: float) -> Control:
     return Control(name, float(lower), float(weight), float(upper), region_of_control(name))
 
 
+def _paint(source: ShapeSource) -> UInt8[np.ndarray, "n 3"]:
+    """Return the vertices' colours: the file's where they are any, else by the names of parts."""
+    colours = np.ones((len(source.neutral.vertices), 3)) if source.colours is None else source.colours.copy()
+    labels = np.array([f"{a} {b}" for a, b in zip(source.neutral.groups, source.neutral.materials, strict=True)])
+    for label in dict.fromkeys(labels.tolist()):
+        members = np.unique(source.neutral.faces[labels == label])
+        if (colours[members] > 0.97).all():  # white is what a file says that has a texture
+            colours[members] = next(colour for words, colour in COLOURS if re.search(words, label, re.IGNORECASE))
+    return np.rint(255 * np.clip(colours, 0, 1)).astype(np.uint8)
+
+
 def _joints(face: ShapeFace, source: ShapeSource) -> dict[str, Any]:
     """Return the joints that have controls: these, their frames, and the share of each vertex that they carry.
 
@@ -219,7 +242,13 @@ def _joints(face: ShapeFace, source: ShapeSource) -> dict[str, Any]:
     skin = source.skin
     wanted = [] if skin is None else [j for j, name in enumerate(skin.names) if name in face.joints]
     if skin is None or not wanted:
-        return {"controls": controls, "weights": np.zeros((0, n)), "world": np.zeros((0, 4, 4)), "above": [], "axes": []}
+        return {
+            "controls": controls,
+            "weights": np.zeros((0, n)),
+            "world": np.zeros((0, 4, 4)),
+            "above": [],
+            "axes": [],
+        }
     world = np.empty((len(skin.names), 4, 4))
     carrier = np.full(len(skin.names), -1)
     for j, parent in enumerate(skin.parents):
@@ -235,7 +264,9 @@ def _joints(face: ShapeFace, source: ShapeSource) -> dict[str, Any]:
     for k, j in enumerate(wanted):
         for axis, (least, greatest) in face.joints[skin.names[j]].items():
             largest = max(abs(least), abs(greatest))
-            controls.append(Control(f"{skin.names[j]}_{axis}", least / largest, 0.0, greatest / largest, WITHOUT_REGION))
+            controls.append(
+                Control(f"{skin.names[j]}_{axis}", least / largest, 0.0, greatest / largest, WITHOUT_REGION)
+            )
             axes.append((k, AXES.index(axis), np.radians(largest)))
     frames = world[wanted]
     frames[:, :3, 3] *= source.mm
