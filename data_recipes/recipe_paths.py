@@ -125,11 +125,11 @@ def absolute(character: str) -> str:
 def recipe_file(character: str) -> Path:
     """Return the file of a character's recipe, given its name or the path of a `.toml` file.
 
-    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, for a face of shapes the
-    one beside it.
+    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, for a face of shapes
+    the glTF or the folder itself.
     """
     if place := shape_file(character):
-        return (place if place.is_dir() else place.parent) / FACE_FILE
+        return place
     if folder := sample_folder(character):
         return folder / FACE_FILE
     name, _ = split_character(character)

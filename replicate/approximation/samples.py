@@ -80,6 +80,11 @@ class SampleSet:
     def __len__(self) -> int:
         return len(self.params)
 
+    @property
+    def default(self) -> Float32[np.ndarray, " m"]:
+        """The controls' defaults, at which nothing moves."""
+        return np.array(self.facts["default"], np.float32)
+
     def offsets(self, indices: Int[np.ndarray, " b"]) -> Float32[np.ndarray, "b n 3"]:
         """Return the offsets V − V⁰ of some samples, in mm."""
         return self.quantised[indices] * self.steps_mm[indices][:, None, None]
@@ -212,6 +217,7 @@ def write_samples(
     # balance and quantisation error, and the files
     facts = {
         "poses": len(params),
+        "default": rig.default.tolist(),
         "validation_poses": len(poses_of["validation"]),
         "test_poses": len(poses_of["test"]),
         "largest_step_mm": float(arrays["steps"].max()),
