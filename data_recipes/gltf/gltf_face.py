@@ -188,8 +188,8 @@ def _depth_first(roots: Iterable[int], children: list[list[int]]) -> list[int]:
     return order
 
 
-def _transform(node: dict[str, Any], place: str) -> Float[np.ndarray, "4 4"]:
-    """Return a node's transform from its parent."""
+def _transform(node: dict[str, Any], place: str) -> np.ndarray:
+    """Return a node's transform (4, 4) from its parent."""
     if "matrix" in node:
         return matrices(np.array([reals(node, "matrix", place, [0.0] * 16)]), f"{place}.matrix")[0]
     scale = reals(node, "scale", place, [1.0] * 3)
@@ -248,8 +248,6 @@ def _find_parts(document: Document, tree: _Tree) -> tuple[list[_Part], dict[str,
         for part in shared.values():
             for k, target in enumerate(part.targets):
                 weights.setdefault(target, stated[k] if k < len(stated) else 0.0)
-    if not parts:
-        raise InputError("expected a scene with triangles, got none")
     return parts, weights
 
 
@@ -425,7 +423,9 @@ def _read_faces(
             name = "" if material is None else name_of(document.tree["materials"][material], f"material_{material}")
             nodes += [part.name] * len(found)
             materials += [name] * len(found)
-    every = np.concatenate(faces)
+    every = np.concatenate([np.empty((0, 3), np.int64), *faces])
+    if not len(every):
+        raise InputError("expected a scene with triangles, got none")
     turned = mirrored[every[:, 0]]
     every[turned] = every[turned][:, [0, 2, 1]]
     return every, tuple(nodes), tuple(materials)

@@ -76,6 +76,13 @@ def test_strips_fans_and_lists_without_indices_become_triangles_and_points_are_l
     assert len(face.vertices) == 17 and (normals(face)[:, 2] > 0).all()
 
 
+def test_a_strip_of_no_area_is_no_scene_with_triangles(tmp_path):
+    g = Gltf()
+    g.show(g.primitive(indices=[0, 1, 1, 0], mode=5))
+    with pytest.raises(InputError, match=r"face\.glb: expected a scene with triangles, got none"):
+        read(g, tmp_path)
+
+
 @pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
 def test_indices_have_any_size(tmp_path, dtype):
     g = Gltf()
