@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -178,16 +179,33 @@ class SampleFolder:
         """The shards' folder, for messages."""
         return shown_path(self.folder / FOLDER)
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on what was left out."""
+        return self.neutral.remarks
+
+    @cached_property
+    def in_faces(self) -> Int[np.ndarray, " k"]:
+        """The vertices that are in a face."""
+        return np.unique(self.neutral.faces)
+
+    def surface(self, vertices: Float[np.ndarray, "*b n 3"]) -> Float[np.ndarray, "*b k 3"]:
+        """Return vertices without those that are in no face."""
+        return vertices if len(self.in_faces) == vertices.shape[-2] else vertices[..., self.in_faces, :]
+
 
 @cache
 def open_folder(folder: Path) -> SampleFolder:
     """Return a folder's content, after all checks that take seconds.
 
     A process reads a folder once: shards that come later belong to the next run. `open_folder.cache_clear()` forgets
-    the content. Raises InputError, naming the file, for a folder that contradicts itself.
+    the content. Standard error gets a line about whatever is left out. Raises InputError, naming the file, for a folder
+    that contradicts itself.
     """
     found = read_folder(folder)
     check_size(found)
+    for remark in found.remarks:
+        print(remark, file=sys.stderr, flush=True)
     looked_at = 0
     for index, shard in enumerate(found.shards):
         if looked_at > LOOKED_AT_BYTES:
@@ -222,7 +240,7 @@ def read_folder(
 
 def size_mm(found: SampleFolder) -> float:
     """Return the largest side of the box around the neutral pose."""
-    return float(np.ptp(found.vertices_mm, axis=0).max())
+    return float(np.ptp(found.surface(found.vertices_mm), axis=0).max())
 
 
 def check_size(found: SampleFolder) -> None:
@@ -246,7 +264,7 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
         pose, vertex, _ = np.argwhere(~np.isfinite(vertices))[0]
         value = vertices[pose, vertex].tolist()
         raise InputError(f"{where}: vertices[{pose}, {vertex}]: expected finite numbers, got {value}")
-    neutral = found.neutral.vertices
+    neutral, vertices = found.surface(found.neutral.vertices), found.surface(vertices)
     extent = np.median(np.ptp(vertices.astype(np.float64), axis=1).max(axis=1))
     if not size / EXTENT <= extent <= size * EXTENT:
         raise InputError(
@@ -268,8 +286,8 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
         off = np.abs(vertices[pose].astype(np.float64) - neutral).max(axis=1)
         if off.max() > NEUTRAL * size:
             raise InputError(
-                f"{where}: pose {pose} is at all defaults, and its vertex {off.argmax()} is {off.max() / size:.2%} of "
-                f"the face's size from the mesh, expected at most {NEUTRAL:.1%}"
+                f"{where}: pose {pose} is at all defaults, and its vertex {found.in_faces[off.argmax()]} is "
+                f"{off.max() / size:.2%} of the face's size from the mesh, expected at most {NEUTRAL:.1%}"
             )
 
 
