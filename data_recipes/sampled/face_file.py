@@ -14,12 +14,12 @@ from jaxtyping import Bool, Float
 from data_recipes.controls import Control
 from data_recipes.sampled.shards import DAMAGE
 from replicate.base.exceptions import InputError
-from replicate.base.schema import Checked, identifier, naming, number, numbers, read_table, shown
+from replicate.base.schema import Checked, either, identifier, naming, number, numbers, read_table, shown
 from replicate.base.user_files import read_text, read_toml, shown_path
 
 FACE_FILE = "face.toml"
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-MESH_ENDINGS = (".obj", ".glb")
+MESH_ENDINGS = (".obj", ".ply", ".glb")
 FAR = 1e6  # the farthest place of the eyes, in the file's unit
 LONGEST_TEXT = 500  # characters of a source or licence
 MOST_POINTS = 100
@@ -88,8 +88,10 @@ class FaceFile(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.mesh != Path(self.mesh).name or Path(self.mesh).suffix.lower() not in MESH_ENDINGS:
-            endings = " or ".join(MESH_ENDINGS)
-            raise InputError(f"mesh: expected the name of a {endings} file in this folder, got {shown(self.mesh)}")
+            raise InputError(
+                f"mesh: expected the name of a {either(MESH_ENDINGS)} file in this folder, got {shown(self.mesh)}: "
+                "export the neutral pose as one of these, its vertices in the order of the poses"
+            )
         for name in ("source", "licence"):
             text = getattr(self, name)
             if not (text.isprintable() and len(text) <= LONGEST_TEXT):

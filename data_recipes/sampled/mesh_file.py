@@ -1,18 +1,19 @@
-"""The neutral pose of a folder of samples as its file has it: an OBJ, read line by line, or a GLB.
+"""The neutral pose of a folder of samples as its file has it: an OBJ or PLY, read row by row, or a GLB.
 
-General OBJ readers split or merge vertices at the seams of charts. Here they keep the order that the poses have too.
+General readers split or merge vertices at the seams of charts. Here they keep the order that the poses have too.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from data_recipes.sampled.ply_file import read_ply
 from data_recipes.sampled.polygons import triangulate
 from replicate.base.exceptions import InputError
 from replicate.base.schema import cut, shown
@@ -78,9 +79,9 @@ def read_mesh(file: Path) -> NeutralFile:
 
 def _read_obj(file: Path) -> NeutralFile:
     where = shown_path(file)
-    vertices, uv, polygons, uv_polygons, groups, materials = [], [], [], [], [], []
+    vertices, uv, polygons, uv_polygons, labels = [], [], [], [], []
     item = group = material = NO_LABEL
-    members, left_out = {}, 0
+    members = {}
     for line, (word, *words) in _lines(_text(file)):
         place = f"{where}: line {line}"
         if word == "v":
@@ -99,31 +100,51 @@ def _read_obj(file: Path) -> NeutralFile:
             members.setdefault(group, []).extend(points)
         elif word == "f":
             corners, uv_corners = _polygon(_before_comment(words), len(vertices), len(uv), place)
-            if len(set(corners)) < 3:
-                left_out += 1
-                continue
             polygons.append(corners)
             uv_polygons.append(uv_corners)
-            groups.append(group)
-            materials.append(material)
+            labels.append((group, material))
+    return _of_polygons(where, vertices, uv, polygons, uv_polygons, labels, members)
+
+
+def _of_polygons(
+    where: str,
+    vertices: Sequence,
+    uv: Sequence,
+    polygons: Sequence[list[int]],
+    uv_polygons: Sequence[list[int]],
+    labels: Sequence[tuple[str, str]],
+    members: dict[str, list[int]],
+) -> NeutralFile:
+    """Return a mesh of polygons that may repeat corners or vertices; labels: the group and material of each."""
+    cleaned = [_without_repeats(*both) for both in zip(polygons, uv_polygons, strict=True)]
+    kept = [k for k, (corners, _) in enumerate(cleaned) if len(set(corners)) >= 3]
     points = np.array(vertices, np.float64).reshape(-1, 3)
-    cut = triangulate(points, polygons)
-    uv_faces = np.array([corner for corners in uv_polygons for corner in corners], np.int64)[cut.corner]
+    triangles = triangulate(points, [cleaned[k][0] for k in kept])
+    uv_faces = np.array([corner for k in kept for corner in cleaned[k][1]], np.int64)[triangles.corner]
     has_uv = bool((uv_faces >= 0).any())
-    remarks = {
-        f"{where}: polygons of fewer than 3 different vertices, left out: {left_out}": left_out,
-        f"{where}: polygons of the same vertices as another, left out: {cut.repeated}": cut.repeated,
+    left_out = {
+        "of fewer than 3 different vertices": len(cleaned) - len(kept),
+        "of the same vertices as another": triangles.repeated,
     }
+    of_face = [labels[kept[k]] for k in triangles.polygon]
     return NeutralFile(
         points,
-        cut.faces,
+        triangles.faces,
         np.array(uv, np.float64).reshape(-1, 2) if has_uv else None,
         uv_faces if has_uv else None,
-        tuple(groups[k] for k in cut.polygon),
-        tuple(materials[k] for k in cut.polygon),
+        tuple(group for group, _ in of_face),
+        tuple(material for _, material in of_face),
         members,
-        tuple(remark for remark, count in remarks.items() if count),
+        tuple(f"{where}: polygons {kind}, left out: {count}" for kind, count in left_out.items() if count),
     )
+
+
+def _without_repeats(corners: list[int], uv: list[int]) -> tuple[list[int], list[int]]:
+    """Return a polygon and its texture coordinates without the corners that the next one repeats."""
+    if len(set(corners)) == len(corners):
+        return corners, uv
+    kept = [k for k, vertex in enumerate(corners) if vertex != corners[(k + 1) % len(corners)]]
+    return [corners[k] for k in kept], [uv[k] for k in kept]
 
 
 def _text(file: Path) -> str:
@@ -166,10 +187,7 @@ def _coordinates(words: list[str], count: int, where: str) -> list[float]:
 
 
 def _polygon(words: list[str], vertices: int, uvs: int, where: str) -> tuple[list[int], list[int]]:
-    """Return the indices, from 0, of a polygon's vertices and of their texture coordinates, −1 without one everywhere.
-
-    A corner that the next one repeats is left out.
-    """
+    """Return the indices, from 0, of a polygon's vertices and of their texture coordinates, −1 if any has none."""
     corners = [corner.split("/") for corner in words]
     if len(corners) < 3:
         raise InputError(f"{where}: expected a polygon of 3 corners or more, got {len(corners)}")
@@ -178,8 +196,7 @@ def _polygon(words: list[str], vertices: int, uvs: int, where: str) -> tuple[lis
         uv = [_index(corner[1], uvs, "texture coordinate", where) for corner in corners]
     else:
         uv = [-1] * len(polygon)
-    kept = [k for k, vertex in enumerate(polygon) if vertex != polygon[(k + 1) % len(polygon)]]
-    return [polygon[k] for k in kept], [uv[k] for k in kept]
+    return polygon, uv
 
 
 def _index(text: str, count: int, kind: str, where: str) -> int:
@@ -192,6 +209,48 @@ def _index(text: str, count: int, kind: str, where: str) -> int:
     if stated == 0 or not 0 <= index < count:
         raise InputError(f"{where}: {kind}: expected a whole number from 1 to {count}, got {shown(text)}")
     return index
+
+
+UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+
+
+def _read_ply(file: Path) -> NeutralFile:
+    """Read a PLY, which has no groups; its texture coordinates are those of vertices, or of the corners of faces."""
+    where, data = shown_path(file), read_bytes(file, MOST_BYTES)
+    try:
+        elements = read_ply(data)
+    except ValueError as error:
+        raise InputError(f"{where}: not a readable PLY ({cut(str(error))})") from None
+    vertex, face = elements.get("vertex", {}), elements.get("face", {})
+    polygons = [list(corners) for corners in face.get("vertex_indices", face.get("vertex_index", ()))]
+    if missing := [name for name in "xyz" if name not in vertex]:
+        raise InputError(f"{where}: its vertices have no {missing[0]}")
+    points = list(zip(*(vertex[name] for name in "xyz"), strict=True))
+    for k, corners in enumerate(polygons):
+        if not all(isinstance(corner, int) and 0 <= corner < len(points) for corner in corners):
+            raise InputError(
+                f"{where}: face {k} (from 0): expected vertices from 0 to {len(points) - 1}, got {corners}"
+            )
+    names = next((names for names in UV_NAMES if set(names) <= vertex.keys()), None)
+    if names:
+        uv, uv_polygons = list(zip(*(vertex[name] for name in names), strict=True)), polygons
+    else:
+        uv, uv_polygons = _uv_of_corners(polygons, face.get("texcoord", [()] * len(polygons)))
+    return _of_polygons(where, points, uv, polygons, uv_polygons, [(NO_LABEL, NO_LABEL)] * len(polygons), {})
+
+
+def _uv_of_corners(polygons: list[list[int]], texcoord: Sequence[tuple]) -> tuple[list[tuple], list[list[int]]]:
+    """Return different places, and which of them each corner has; u and v of each corner follow one another."""
+    places, found = {}, []
+    for corners, values in zip(polygons, texcoord, strict=True):
+        if len(values) == 2 * len(corners):
+            pairs = zip(values[::2], values[1::2], strict=True)
+            found.append(
+                [places.setdefault((vertex, *pair), len(places)) for vertex, pair in zip(corners, pairs, strict=True)]
+            )
+        else:
+            found.append([-1] * len(corners))
+    return [place[1:] for place in places], found
 
 
 def _read_glb(file: Path) -> NeutralFile:
@@ -233,4 +292,4 @@ def _read_glb(file: Path) -> NeutralFile:
     )
 
 
-READERS = {".obj": _read_obj, ".glb": _read_glb}
+READERS = {".obj": _read_obj, ".ply": _read_ply, ".glb": _read_glb}

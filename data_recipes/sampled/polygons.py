@@ -32,7 +32,7 @@ class Triangles:
 
 
 def triangulate(vertices: Float[np.ndarray, "n 3"], polygons: Sequence[Sequence[int]]) -> Triangles:
-    """Return the triangles of polygons, of three corners or more; of those with the same vertices only the first counts.
+    """Return the triangles of polygons, of three corners or more; of those with the same vertices the first counts.
 
     A polygon may come back to a vertex, as along the bridge to a hole; a triangle has three different ones.
     """

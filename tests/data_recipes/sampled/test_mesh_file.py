@@ -1,10 +1,14 @@
 """Mesh files as programs write them: what is clear is read, and keeps the vertices in the order of the file."""
 
+import struct
+
 import numpy as np
 import pytest
-from sample_folders import COLUMNS, ROWS, neutral, obj
+from sample_folders import COLUMNS, FACE, ROWS, neutral, obj, write
 
+from data_recipes.sampled.face_file import read_face
 from data_recipes.sampled.mesh_file import read_mesh
+from data_recipes.sampled.sample_folder import open_folder
 from data_recipes.sampled.segment_charts import covered_and_doubled, make_mesh
 from replicate.base.exceptions import InputError
 
@@ -147,3 +151,95 @@ def test_what_can_be_no_mesh_is_refused_by_its_line(tmp_path, spoilt, sentence):
     with pytest.raises(InputError) as error:
         read(tmp_path, obj().replace(*spoilt, 1))
     assert sentence in str(error.value)
+
+
+# PLY
+
+CODES = {"float": "f", "double": "d", "uchar": "B", "int": "i", "uint": "I"}
+
+
+def ply(way: str, real: str = "float", uv: str = "vertex", newline: str = "\n") -> bytes:
+    """Return the sheet as PLY: its first row of quads as triangles, a colour for each vertex, texture coordinates."""
+    quads = [line.split()[1:] for line in obj(with_uv=False).splitlines() if line[0] == "f"]
+    polygons = [[int(word) - 1 for word in quad] for quad in quads]
+    polygons[:4] = [corners for a, b, c, d in polygons[:4] for corners in ([a, b, c], [a, c, d])]
+    places = [tuple(map(float, line.split()[1:])) for line in obj().splitlines() if line.startswith("vt")]
+    vertex = [*((real, name) for name in "xyz"), ("uchar", "red")]
+    vertex += [("float", "s"), ("float", "t")] if uv == "vertex" else []
+    lines = ["ply", f"format {way} 1.0", "comment a sheet", f"element vertex {len(neutral())}"]
+    lines += [f"property {kind} {name}" for kind, name in vertex]
+    lines += [f"element face {len(polygons)}", "property uchar flags", "property list uchar uint vertex_indices"]
+    lines += ["property list uchar float texcoord"] * (uv == "corners")
+    rows = [
+        [*zip([kind for kind, _ in vertex], [*point, 200, *(place if uv == "vertex" else ())], strict=True)]
+        for point, place in zip(neutral().tolist(), places, strict=True)
+    ]
+    for corners in polygons:
+        row = [("uchar", 1), ("uchar", len(corners)), *(("uint", k) for k in corners)]
+        if uv == "corners":
+            row += [("uchar", 2 * len(corners)), *(("float", value) for k in corners for value in places[k])]
+        rows.append(row)
+    header = "".join(line + newline for line in [*lines, "end_header"]).encode()
+    if way == "ascii":
+        return header + "".join(" ".join(str(value) for _, value in row) + newline for row in rows).encode()
+    order = "<" if "little" in way else ">"
+    return header + b"".join(struct.pack(order + CODES[kind], value) for row in rows for kind, value in row)
+
+
+@pytest.mark.parametrize("way", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize(("real", "newline"), [("float", "\n"), ("double", "\r\n")])
+@pytest.mark.parametrize("uv", ["vertex", "corners"])
+def test_a_ply_has_the_vertices_and_faces_of_the_same_obj(tmp_path, way, real, newline, uv):
+    found, same = read(tmp_path, ply(way, real, uv, newline), "mesh.ply"), read(tmp_path, obj())
+    np.testing.assert_allclose(found.vertices, same.vertices, atol=1e-5)
+    np.testing.assert_array_equal(found.faces, same.faces)
+    np.testing.assert_allclose(found.uv[found.uv_faces], same.uv[same.uv_faces], atol=1e-6)
+    meshes = [make_mesh(m, segments, m.vertices, "mesh") for m, segments in ((found, "islands"), (same, "islands"))]
+    np.testing.assert_allclose(meshes[0].uv, meshes[1].uv, atol=1e-6)
+
+
+def test_a_ply_without_texture_coordinates_gets_charts(tmp_path):
+    found = read(tmp_path, ply("ascii", uv="none"), "mesh.ply")
+    assert found.uv is None and set(found.groups) == {""}
+    assert len(np.unique(make_mesh(found, "groups", found.vertices, "").uv.round(3), axis=0)) == ROWS * COLUMNS
+
+
+def test_a_folder_may_have_a_ply_in_the_place_of_an_obj(tmp_path):
+    folder = write(tmp_path / "box")
+    (folder / "mesh.ply").write_bytes(ply("binary_little_endian"))
+    (folder / "face.toml").write_text(FACE.replace("mesh.obj", "mesh.ply"))
+    open_folder.cache_clear()
+    np.testing.assert_allclose(open_folder(folder).vertices_mm, neutral(), atol=1e-5)
+
+
+PLY = ply("binary_little_endian")
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"", "no header of a PLY"),
+        (PLY[:-1], "ends too early"),
+        (PLY[:200], "no header of a PLY"),
+        (PLY.replace(b"little", b"middle"), "its header says 'format binary_middle_endian 1.0'"),
+        (PLY.replace(b"vertex 30", b"vertex 3000000000"), "ends too early"),
+        (PLY.replace(b"face 24", b"face 25"), "ends too early"),
+        (PLY.replace(b"property float z", b"property float w"), "its vertices have no z"),
+        (PLY.replace(b"float x", b"quad x"), "its header says 'property quad x'"),
+        (PLY.replace(b"list uchar uint", b"list float uint"), "ends too early|has the length"),
+        (ply("ascii").replace(b"1 3 0 1", b"1 3 0 one"), "invalid literal"),
+        (ply("ascii").replace(b"1 3 0 1", b"1 3 0 99"), "face 0 .from 0.: expected vertices from 0 to 29, got .0, 99"),
+        (ply("ascii").replace(b"1 3 0 1", b"1 4000000000 0 1"), "ends too early"),
+    ],
+)
+def test_a_damaged_ply_is_refused_in_a_sentence(tmp_path, data, sentence):
+    with pytest.raises(InputError, match=sentence):
+        read(tmp_path, data, "mesh.ply")
+
+
+@pytest.mark.parametrize("name", ["mesh.fbx", "mesh.blend", "mesh"])
+def test_another_kind_of_file_is_refused_with_the_remedy(tmp_path, name):
+    folder = write(tmp_path / "box")
+    (folder / "face.toml").write_text(FACE.replace("mesh.obj", name))
+    with pytest.raises(InputError, match="export the neutral pose as one of these, its vertices in the order of"):
+        read_face(folder)
