@@ -26,7 +26,6 @@ from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
 from data_recipes.rig import AlteredRig, Rig
-from data_recipes.sampled.face_file import read_controls
 from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -71,7 +70,11 @@ def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequenc
     """Return how many controls a rig will have, from `character_parts` or `sampled_parts`; nothing is built."""
     if isinstance(recipe, Recipe):
         return len(recipe_controls(recipe))
-    return len(expression_names() if isinstance(recipe, FaceKitRecipe) else read_controls(files[1].parent))
+    if isinstance(recipe, FaceKitRecipe):
+        return len(expression_names())
+    from data_recipes.sampled.sample_folder import open_folder
+
+    return len(open_folder(files[1].parent).controls)
 
 
 def build_rig(name_or_recipe: str | Path) -> Rig:

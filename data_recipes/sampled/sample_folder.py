@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
@@ -16,6 +16,8 @@ from data_recipes.controls import Control
 from data_recipes.sampled.face_file import (
     CONTROL_FILE,
     FACE_FILE,
+    FARTHEST_LIMIT,
+    ControlLine,
     FaceFile,
     influence_file,
     read_controls,
@@ -26,7 +28,7 @@ from data_recipes.sampled.mesh_file import NeutralFile, read_mesh
 from data_recipes.sampled.segment_charts import check_segments
 from data_recipes.sampled.shards import FOLDER, Shard, read_shards, shard_files
 from replicate.base.exceptions import InputError
-from replicate.base.schema import shown
+from replicate.base.schema import cut, shown
 from replicate.base.user_files import shown_path
 
 # The poses of all shards as one list: their parameters, and which of them are frames of clips, in order.
@@ -63,7 +65,7 @@ def list_poses(
     """Return the poses of some shards.
 
     where: the shards' folder, for messages.
-    lower, default, upper: of each control.
+    lower, default, upper: of each control; NaN for a limit that the poses decide.
     Raises InputError for parameters that are not finite or farther from their defaults than anyone would set them, for
     frames that are there twice, and for too few or too many poses.
     """
@@ -111,24 +113,66 @@ def list_poses(
 
 def _params(shard: Shard, where: str, lower: np.ndarray, default: np.ndarray, upper: np.ndarray) -> np.ndarray:
     params = shard.read("params").astype(np.float64)
-    bad = np.argwhere(~(np.abs(params - default) <= FARTHEST * (upper - lower).astype(np.float64)))  # True for NaN too
+    locked, ranges = lower == upper, (upper - lower).astype(np.float64)
+    reach = np.where(np.isnan(ranges), FARTHEST_LIMIT, FARTHEST * ranges)
+    reach = np.where(locked, AT_DEFAULT * np.maximum(np.abs(default), 1.0), reach)
+    bad = np.argwhere(~(np.abs(params - default) <= reach))  # True for NaN too
     if len(bad):
         pose, control = bad[0]
         value = shown(float(params[pose, control]))
         expected = f"expected a finite number within {FARTHEST:g} ranges of the default"
+        if locked[control]:
+            expected = f"expected {default[control]:g}, as its control has no range"
         raise InputError(f"{where}/{shard.name}: params[{pose}, {control}]: {expected}, got {value}")
     return params.astype(np.float32) + np.float32(0)  # −0 → +0
 
 
 def _frame_numbers(shard: Shard, where: str) -> np.ndarray:
     frame = shard.read("frame")
-    bad = np.flatnonzero((frame < 0) | (frame > 10**9))
+    bad = np.flatnonzero(~((frame >= 0) & (frame <= 10**9) & (frame == np.floor(frame))))
     if len(bad):
-        found = frame[bad[0]]
-        raise InputError(
-            f"{where}/{shard.name}: frame[{bad[0]}]: expected a number from 0 to 1,000,000,000, got {found}"
-        )
+        expected = "expected a whole number from 0 to 1,000,000,000"
+        raise InputError(f"{where}/{shard.name}: frame[{bad[0]}]: {expected}, got {frame[bad[0]]}")
     return frame.astype(np.int64)
+
+
+def limits_from_poses(
+    lines: Sequence[ControlLine], poses: PoseList, where: str
+) -> tuple[tuple[Control, ...], Int[np.ndarray, " k"], tuple[str, ...]]:
+    """Return the controls that have a range, their columns in `params`, and sentences on what the lines didn't say.
+
+    A limit that a line leaves open is the farthest that frames and poses go, or where only drawn poses move the
+    control, these. A control that no pose moves and no line gives a range is left out.
+    where: the file, for messages. Raises InputError if all are left out.
+    """
+    default = np.array([line.default for line in lines])
+    acted = np.concatenate([poses.frames, poses.drawn[poses.source == NO_SOURCE]])
+    low, high = _reach(poses.params[acted], default)
+    lowest, highest = _reach(poses.params, default)
+    low, high = np.where(low < high, low, lowest), np.where(low < high, high, highest)
+    controls, columns, left_out, taken = [], [], [], []
+    for k, line in enumerate(lines):
+        lower = float(low[k]) if np.isnan(line.lower) else line.lower
+        upper = float(high[k]) if np.isnan(line.upper) else line.upper
+        if lower == upper:
+            left_out.append(line.name)
+            continue
+        controls.append(Control(line.name, lower, line.default, upper, line.region))
+        columns.append(k)
+        if np.isnan(line.lower) or np.isnan(line.upper):
+            taken.append(line.name)
+    if not controls:
+        raise InputError(f"{where}: expected a control that poses move, got none")
+    remarks = {"controls that nothing moves, left out": left_out, "limits taken from the poses": taken}
+    sentences = tuple(f"{where}: {what}: {cut(', '.join(names))}" for what, names in remarks.items() if names)
+    return tuple(controls), np.array(columns), sentences
+
+
+def _reach(params: np.ndarray, default: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest value of each control, its default included."""
+    low, high = params.min(axis=0).astype(np.float64), params.max(axis=0).astype(np.float64)
+    near = AT_DEFAULT * np.maximum(np.abs(default), 1.0)  # single precision
+    return np.where(low < default - near, low, default), np.where(high > default + near, high, default)
 
 
 def _natural(name: str) -> list:
@@ -153,6 +197,7 @@ class SampleFolder:
     neutral: the mesh as its file has it.
     vertices_mm: (n, 3), in our axes, not yet shifted.
     moves: (n, m), which control moves which vertex, if the folder has it.
+    remarks: sentences on what was left out or filled in.
     """
 
     folder: Path
@@ -163,6 +208,7 @@ class SampleFolder:
     shards: tuple[Shard, ...]
     poses: PoseList
     moves: np.ndarray | None
+    remarks: tuple[str, ...]
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -178,11 +224,6 @@ class SampleFolder:
     def where(self) -> str:
         """The shards' folder, for messages."""
         return shown_path(self.folder / FOLDER)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences on what was left out."""
-        return self.neutral.remarks
 
     @cached_property
     def in_faces(self) -> Int[np.ndarray, " k"]:
@@ -224,18 +265,35 @@ def read_folder(
     influence: whether to use an `influence.npy`.
     """
     face = read_face(folder) if face is None else face
-    controls = read_controls(folder)
+    lines = read_controls(folder)
     file = folder / face.mesh
     neutral = read_mesh(file)
     check_segments(neutral, face.segments, shown_path(file))
     _check_points(face, len(neutral.vertices), folder)
     files = shard_files(folder) if shards is None else shards
-    found = read_shards(files, len(controls), len(neutral.vertices))
-    limits = (np.array([getattr(c, name) for c in controls]) for name in ("lower", "default", "upper"))
-    poses = list_poses(found, shown_path(folder / FOLDER), *limits)
+    found = read_shards(files, len(lines), len(neutral.vertices))
+    limits = (np.array([getattr(line, name) for line in lines]) for name in ("lower", "default", "upper"))
+    where = shown_path(folder / FOLDER)
+    poses = list_poses(found, where, *limits)
+    controls, columns, remarks = limits_from_poses(lines, poses, shown_path(folder / CONTROL_FILE))
+    poses = replace(poses, params=np.ascontiguousarray(poses.params[:, columns]))
     influence_files = influence_file(folder) if influence else ()
-    moves = read_influence(influence_files[0], len(neutral.vertices), len(controls)) if influence_files else None
-    return SampleFolder(folder, face, controls, neutral, face.to_ours(neutral.vertices), found, poses, moves)
+    moves = None
+    if influence_files:
+        moves = read_influence(influence_files[0], len(neutral.vertices), len(lines))[:, columns]
+    if ignored := sorted({name for shard in found for name in shard.ignored}):
+        remarks = (*remarks, f"{where}: arrays that no shard needs, left alone: {cut(', '.join(ignored))}")
+    return SampleFolder(
+        folder,
+        face,
+        controls,
+        neutral,
+        face.to_ours(neutral.vertices),
+        found,
+        poses,
+        moves,
+        (*neutral.remarks, *remarks),
+    )
 
 
 def size_mm(found: SampleFolder) -> float:
