@@ -5,6 +5,7 @@ This module imports little, since command lines read it first.
 
 import os
 import re
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from replicate.base.spelling import nothing_named
 from replicate.base.user_files import is_file, read_toml
 
 RECIPES = Path(__file__).resolve().parent
-FACE_FILE, CONTROL_FILE = "face.toml", "controls.csv"  # of a folder of samples
+FACE_FILE, CONTROL_FILE, POSES = "face.toml", "controls.csv", "poses"  # of a folder of samples
+MESH_ENDINGS = (".obj", ".ply", ".glb")
 LABEL = r"[\w.-]+"  # names that results can have
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}  # ours → the paper's
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
@@ -37,14 +39,16 @@ def no_character(name: str) -> str:
 
 
 def named(character: str) -> str:
-    """Return a character's name or path with ~ expanded; for the face.toml of a folder of samples, the folder.
+    """Return a character's name or path with ~ expanded; for a file of a folder of samples, the folder.
 
-    Raises InputError for the home folder of an unknown user.
+    Such files are its face.toml, its table of controls and its mesh. Raises InputError for the home folder of an
+    unknown user.
     """
     path = str(with_home(character, "CHARACTERS")) if character.startswith("~") else character
-    folder = os.path.dirname(os.path.abspath(path))
-    is_its_file = os.path.basename(path) == FACE_FILE and _is_there(Path(folder, CONTROL_FILE))
-    return folder if is_its_file else path
+    folder, name = os.path.split(os.path.abspath(path))
+    beside = (Path(folder, other) for other in ((CONTROL_FILE, POSES) if name == FACE_FILE else (FACE_FILE,)))
+    is_its_file = name in (FACE_FILE, CONTROL_FILE) or os.path.splitext(name)[1].lower() in MESH_ENDINGS
+    return folder if is_its_file and is_file(Path(path)) and any(map(_is_there, beside)) else path
 
 
 def sample_folder(character: str) -> Path | None:
@@ -96,6 +100,18 @@ def absolute(character: str) -> str:
         return str(folder)
     name, variants = split_character(character)
     return "@".join([os.path.abspath(name) if name.endswith(".toml") else name, *variants])
+
+
+def in_command(character: str) -> str:
+    """Return a character as a command names it wherever it is typed: paths are whole, and quoted if they need it.
+
+    The label of one from elsewhere doesn't tell its path: there words in brackets stand in its place.
+    """
+    whole = absolute(character)
+    if sample_folder(whole) or split_character(whole)[0].endswith(".toml"):
+        return shlex.quote(whole)
+    is_ours = split_character(whole)[0] in STANDS_FOR or is_file(recipe_file(whole))
+    return whole if is_ours else f"<recipe or folder of {character}>"
 
 
 def recipe_file(character: str) -> Path:

@@ -12,14 +12,13 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from data_recipes.recipe_paths import CONTROL_FILE, FACE_FILE, MESH_ENDINGS
 from data_recipes.sampled.shards import DAMAGE
 from replicate.base.exceptions import InputError
 from replicate.base.schema import LONGEST, Checked, either, naming, number, numbers, read_table, shown
 from replicate.base.user_files import read_text, read_toml, shown_path
 
-FACE_FILE = "face.toml"
 MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
-MESH_ENDINGS = (".obj", ".ply", ".glb")
 FAR = 1e6  # the farthest place of the eyes, in the file's unit
 LONGEST_TEXT = 500  # characters of a source or licence
 MOST_POINTS = 100
@@ -125,7 +124,6 @@ def read_face(folder: Path) -> FaceFile:
 
 # The controls of a folder of samples, `controls.csv`: a line for each control, in the order of the columns of `params`.
 
-CONTROL_FILE = "controls.csv"
 HEADER = ["name", "lower", "default", "upper", "region"]
 MOST_BYTES = 4_000_000
 MOST_CONTROLS = 5_000
