@@ -27,7 +27,6 @@ from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
 from data_recipes.recipe_paths import shape_file
 from data_recipes.rig import AlteredRig, Rig
-from data_recipes.sampled.face_file import read_controls
 from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -82,7 +81,11 @@ def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequenc
         return count_controls(recipe, files)
     if isinstance(recipe, Recipe):
         return len(recipe_controls(recipe))
-    return len(expression_names() if isinstance(recipe, FaceKitRecipe) else read_controls(files[1].parent))
+    if isinstance(recipe, FaceKitRecipe):
+        return len(expression_names())
+    from data_recipes.sampled.sample_folder import open_folder
+
+    return len(open_folder(files[1].parent).controls)
 
 
 def is_shapes(recipe: object) -> TypeGuard[ShapeRecipe]:

@@ -5,6 +5,7 @@ This module imports little, since command lines read it first.
 
 import os
 import re
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from replicate.base.user_files import is_file, read_toml
 RECIPES = Path(__file__).resolve().parent
 FACE_FILE, CONTROL_FILE, POSES = "face.toml", "controls.csv", "poses"  # of a folder of samples
 SHAPE_ENDINGS = (".glb", ".gltf", ".vrm")  # of files that are a face by themselves
-MESH_ENDINGS = (".obj", ".ply")  # of a folder with a mesh for each shape
+SHAPE_MESHES = (".obj", ".ply")  # of a folder with a mesh for each shape
+MESH_ENDINGS = (".obj", ".ply", ".glb", ".gltf")  # of the neutral of a folder of samples
 LABEL = r"[\w.-]+"  # names that results can have
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}  # ours → the paper's
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
@@ -39,14 +41,17 @@ def no_character(name: str) -> str:
 
 
 def named(character: str) -> str:
-    """Return a character's name or path with ~ expanded; for the face.toml of a folder of samples, the folder.
+    """Return a character's name or path with ~ expanded; for a file of a folder of samples, the folder.
 
-    Raises InputError for the home folder of an unknown user.
+    Such files are its face.toml, its table of controls and its mesh. Raises InputError for the home folder of an
+    unknown user.
     """
     path = str(with_home(character, "CHARACTERS")) if character.startswith("~") else character
-    folder = os.path.dirname(os.path.abspath(path))
-    is_its_file = os.path.basename(path) == FACE_FILE and _is_there(Path(folder, CONTROL_FILE))
-    return folder if is_its_file else path
+    folder, name = os.path.split(os.path.abspath(path))
+    may_stand_alone = name == FACE_FILE or os.path.splitext(name)[1].lower() in SHAPE_ENDINGS
+    beside = (Path(folder, other) for other in ((CONTROL_FILE, POSES) if may_stand_alone else (FACE_FILE,)))
+    is_its_file = name in (FACE_FILE, CONTROL_FILE) or os.path.splitext(name)[1].lower() in MESH_ENDINGS
+    return folder if is_its_file and is_file(Path(path)) and any(map(_is_there, beside)) else path
 
 
 def sample_folder(character: str) -> Path | None:
@@ -64,7 +69,7 @@ def sample_folder(character: str) -> Path | None:
 
 
 def shape_file(character: str) -> Path | None:
-    """Return the glTF that a character is given as, or the folder with a mesh for each shape; None for anything else."""
+    """Return the glTF that a character is given as, or the folder with a mesh for each shape; None for others."""
     path = Path(os.path.abspath(character))
     if path.suffix.lower() in SHAPE_ENDINGS:
         return path
@@ -77,7 +82,7 @@ def shape_file(character: str) -> Path | None:
 
 
 def _has_meshes(folder: Path) -> bool:
-    return any(file.suffix.lower() in MESH_ENDINGS for file in folder.iterdir()) and not (folder / POSES).is_dir()
+    return any(file.suffix.lower() in SHAPE_MESHES for file in folder.iterdir()) and not (folder / POSES).is_dir()
 
 
 def _is_there(file: Path) -> bool:
@@ -120,6 +125,18 @@ def absolute(character: str) -> str:
         return str(place)
     name, variants = split_character(character)
     return "@".join([os.path.abspath(name) if name.endswith(".toml") else name, *variants])
+
+
+def in_command(character: str) -> str:
+    """Return a character as a command names it wherever it is typed: paths are whole, and quoted if they need it.
+
+    The label of one from elsewhere doesn't tell its path: there words in brackets stand in its place.
+    """
+    whole = absolute(character)
+    if sample_folder(whole) or split_character(whole)[0].endswith(".toml"):
+        return shlex.quote(whole)
+    is_ours = split_character(whole)[0] in STANDS_FOR or is_file(recipe_file(whole))
+    return whole if is_ours else f"<recipe or folder of {character}>"
 
 
 def recipe_file(character: str) -> Path:

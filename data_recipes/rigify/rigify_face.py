@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import sys
 import tempfile
 import zipfile
@@ -119,7 +120,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not 1 <= options.jobs <= 64:
             raise InputError(f"--jobs: expected a number from 1 to 64, got {options.jobs}")
         write_folder(options.folder, options.character, options.poses, options.seed, options.jobs, options.name)
-        print(f"written to {options.folder}: make table2 CHARACTERS={options.folder} PROFILE=quick")
+        folder = shlex.quote(str(options.folder.absolute()))
+        print(f"written to {options.folder}: make table2 CHARACTERS={folder} PROFILE=quick")
 
     return guard(body)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -11,15 +12,13 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from data_recipes.controls import Control
+from data_recipes.recipe_paths import CONTROL_FILE, FACE_FILE, MESH_ENDINGS
 from data_recipes.sampled.shards import DAMAGE
 from replicate.base.exceptions import InputError
-from replicate.base.schema import Checked, either, identifier, names, naming, number, numbers, read_table, shown
+from replicate.base.schema import LONGEST, Checked, either, names, naming, number, numbers, read_table, shown
 from replicate.base.user_files import read_text, read_toml, shown_path
 
-FACE_FILE = "face.toml"
-MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-MESH_ENDINGS = (".obj", ".glb", ".gltf")
+MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
 FAR = 1e6  # the farthest place of the eyes, in the file's unit
 LONGEST_TEXT = 500  # characters of a source or licence
 MOST_POINTS = 100
@@ -75,11 +74,11 @@ class FaceFile(Checked):
     eyes: the middle between the eyeballs, in the file's unit and axes; () has it guessed from the face's size.
     """
 
-    name: str = identifier()
-    unit: Literal["mm", "cm", "m", "in"] = field()
+    name: str = field()
+    unit: Literal["mm", "cm", "dm", "m", "in", "ft"] = field()
     up: Literal["y", "z"] = field()
     mesh: str = field()
-    segments: Literal["groups", "materials", "islands"] = field()
+    segments: Literal["groups", "materials", "islands"] = "groups"
     frames_per_second: float = number(24.0, 1.0, 1_000.0)
     source: str = ""
     licence: str = ""
@@ -89,9 +88,13 @@ class FaceFile(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not re.fullmatch(r"\w[\w-]*", self.name) or len(self.name.encode()) > LONGEST:
+            raise InputError(f"name: expected at most {LONGEST} letters, digits, _ and -, got {shown(self.name)}")
         if self.mesh != Path(self.mesh).name or Path(self.mesh).suffix.lower() not in MESH_ENDINGS:
-            endings = either(MESH_ENDINGS)
-            raise InputError(f"mesh: expected the name of a {endings} file in this folder, got {shown(self.mesh)}")
+            raise InputError(
+                f"mesh: expected the name of a {either(MESH_ENDINGS)} file in this folder, got {shown(self.mesh)}: "
+                "export the neutral pose as one of these, its vertices in the order of the poses"
+            )
         for name in ("source", "licence"):
             text = getattr(self, name)
             if not (text.isprintable() and len(text) <= LONGEST_TEXT):
@@ -117,66 +120,109 @@ def read_face(folder: Path) -> FaceFile:
     """Return what a folder's `face.toml` says. Raises InputError, naming file and key, for a wrong or missing value."""
     file = folder / FACE_FILE
     table = read_toml(file)
+    for key in ("unit", "up", "segments"):
+        if isinstance(table.get(key), str):
+            table[key] = table[key].lower()
     with naming(shown_path(file)):
         return read_table(FaceFile, table)
 
 
 # The controls of a folder of samples, `controls.csv`: a line for each control, in the order of the columns of `params`.
 
-CONTROL_FILE = "controls.csv"
 HEADER = ["name", "lower", "default", "upper", "region"]
 MOST_BYTES = 4_000_000
 MOST_CONTROLS = 5_000
-LONGEST_NAME = 63  # bytes
+LONGEST_NAME, LONGEST_REGION = 200, 63  # bytes
 FARTHEST_LIMIT = 1e9  # beyond it a limit is a mistake
 WITHOUT_REGION = "face"
 
 
-def read_controls(folder: Path) -> tuple[Control, ...]:
-    """Return the controls. Raises InputError, naming file, line and control, for a table that is wrong."""
+@dataclass(frozen=True)
+class ControlLine:
+    """A line of `controls.csv`. lower, upper: NaN where the line leaves them to the poses."""
+
+    name: str
+    lower: float
+    default: float
+    upper: float
+    region: str
+
+
+def read_controls(folder: Path) -> tuple[ControlLine, ...]:
+    """Return the controls. Raises InputError, naming file, line and control, for a table that is wrong.
+
+    Cells may be separated by commas, semicolons or tabs, whichever the header has most of; where it isn't by commas,
+    numbers may have one in the place of a point.
+    """
     file = folder / CONTROL_FILE
     where = shown_path(file)
-    reader = csv.reader(io.StringIO(read_text(file, MOST_BYTES), newline=""), strict=True)
-    controls: dict[str, Control] = {}
+    text = read_text(file, MOST_BYTES)
+    separator = max(",;\t", key=re.split(r"[\r\n]", text, maxsplit=1)[0].count)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True)
+    lines: dict[str, ControlLine] = {}
     try:
-        header = next(reader, [])
-        if header != HEADER:
+        header = _without_empty_end(next(reader, []), 0)
+        names = [name.lower() for name in header]
+        if sorted(names) not in (sorted(HEADER), sorted(HEADER[:-1])):
             raise InputError(f"{where}: line 1: expected {','.join(HEADER)}, got {shown(','.join(header))}")
         for row in reader:
-            if not row:
+            cells = _without_empty_end(row, len(names))
+            if not any(cells):
                 continue
-            control = _control(row, f"{where}: line {reader.line_num}")
-            if control.name in controls:
-                raise InputError(f"{where}: line {reader.line_num} names the control {shown(control.name)} again")
-            controls[control.name] = control
-            if len(controls) > MOST_CONTROLS:
+            place = f"{where}: line {reader.line_num}"
+            if len(cells) != len(names):
+                raise InputError(f"{place}: expected {len(names)} values, {','.join(names)}, got {len(cells)}")
+            line = _control_line(dict(zip(names, cells, strict=True)), separator != ",", place)
+            if line.name in lines:
+                raise InputError(f"{place} names the control {shown(line.name)} again")
+            lines[line.name] = line
+            if len(lines) > MOST_CONTROLS:
                 raise InputError(f"{where}: expected at most {MOST_CONTROLS:,} controls, got more")
     except csv.Error as error:
         raise InputError(f"{where}: expected CSV text, but it can't be read ({error})") from None
-    if not controls:
+    if not lines:
         raise InputError(f"{where}: expected at least one control, got none")
-    return tuple(controls.values())
+    return tuple(lines.values())
 
 
-def _control(row: list[str], where: str) -> Control:
-    if len(row) != len(HEADER):
-        raise InputError(f"{where}: expected {len(HEADER)} values, {','.join(HEADER)}, got {len(row)}")
-    name, *texts, region = (cell.strip() for cell in row)
-    for text, column, least in ((name, "name", 1), (region, "region", 0)):
-        if not (text.isprintable() and least <= len(text.encode()) <= LONGEST_NAME and "," not in text):
-            expected = f"expected a printable text of {least} to {LONGEST_NAME} bytes without commas"
-            raise InputError(f"{where}: {column}: {expected}, got {shown(text)}")
-    values = []
-    for text, column in zip(texts, HEADER[1:4], strict=True):
-        try:
-            values.append(float(text))
-        except ValueError:
-            values.append(np.nan)
-        if not abs(values[-1]) <= FARTHEST_LIMIT:  # False for NaN as well
-            expected = f"expected a number up to {FARTHEST_LIMIT:g}"
-            raise InputError(f"{where}: {column} of {shown(name)}: {expected}, got {shown(text)}")
-    with naming(where):
-        return Control(name, *values, region or WITHOUT_REGION)
+def _without_empty_end(row: list[str], width: int) -> list[str]:
+    """Return a row's cells, bare, without the empty ones that spreadsheets put behind the first `width`."""
+    cells = [cell.strip() for cell in row]
+    while len(cells) > width and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _control_line(cells: dict[str, str], decimal_commas: bool, where: str) -> ControlLine:
+    name, region = cells["name"], cells.get("region", "")
+    for text, column, least, most in ((name, "name", 1, LONGEST_NAME), (region, "region", 0, LONGEST_REGION)):
+        if not (text.isprintable() and least <= len(text.encode()) <= most):
+            raise InputError(
+                f"{where}: {column}: expected a printable text of {least} to {most} bytes, got {shown(text)}"
+            )
+    lower, default, upper = (
+        _limit(cells[column], column != "default", decimal_commas, f"{where}: {column} of {shown(name)}")
+        for column in HEADER[1:4]
+    )
+    if lower > upper:  # False for NaN
+        raise InputError(f"{where}: {shown(name)}: expected lower below upper, got {lower:g} and {upper:g}")
+    if default < lower or default > upper:
+        reach = f"from {lower:g} " * (not np.isnan(lower)) + f"up to {upper:g}" * (not np.isnan(upper))
+        raise InputError(f"{where}: {shown(name)}: expected a default {reach.strip()}, got {default:g}")
+    return ControlLine(name, lower, default, upper, region or WITHOUT_REGION)
+
+
+def _limit(text: str, may_be_missing: bool, decimal_commas: bool, where: str) -> float:
+    """Return a number; NaN for a limit that is empty or infinite."""
+    if may_be_missing and re.fullmatch(r"|[+-]?inf(inity)?", text, re.IGNORECASE):
+        return np.nan
+    try:
+        value = float(text.replace(",", ".") if decimal_commas else text)
+    except ValueError:
+        value = np.nan
+    if not abs(value) <= FARTHEST_LIMIT:  # False for NaN as well
+        raise InputError(f"{where}: expected a number up to {FARTHEST_LIMIT:g}, got {shown(text)}")
+    return value
 
 
 # The optional `influence.npy` of a folder of samples: which control moves which vertex.

@@ -13,7 +13,7 @@ from jaxtyping import Float, Float64, Int
 from data_recipes.rig import INT16_MAX, Clip, KnownPoses, create
 from data_recipes.sampled.face_file import FACE_FILE, INFLUENCE_FILE, FaceFile
 from data_recipes.sampled.mesh_file import buffers_of
-from data_recipes.sampled.sample_folder import NEUTRAL, SampleFolder, check_size, check_vertices, read_folder
+from data_recipes.sampled.sample_folder import NEUTRAL, SampleFolder, check_size, check_vertices, read_folder, size_mm
 from data_recipes.sampled.sampled_rig import SampledRig
 from data_recipes.sampled.segment_charts import clean_name, make_mesh
 from replicate.base.exceptions import InputError
@@ -48,7 +48,7 @@ def import_rig(
     shards = [file for file in others if file not in apart]
     found = read_folder(mesh_file.parent, recipe.face, shards, influence)
     check_size(found)
-    shift = placement(found.vertices_mm, recipe.face)
+    shift = placement(found.surface(found.vertices_mm), recipe.face)
     mesh = make_mesh(found.neutral, recipe.face.segments, found.vertices_mm + shift, shown_path(mesh_file))
     known = _read_poses(found, target, progress)
     _check_repeated(found, known)
@@ -98,7 +98,7 @@ def segments_named(names: Sequence[str], mesh: Mesh, where: str) -> tuple[str, .
 
 def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) -> KnownPoses:
     """Read each shard once and put its poses where they belong: frames as they are, drawn poses rounded (D4)."""
-    poses, n = found.poses, len(found.vertices_mm)
+    poses, n, unused = found.poses, len(found.vertices_mm), found.neutral.unused
     frames, drawn = (poses.frames, poses.drawn) if poses.clips else (poses.drawn, poses.frames)
     known = create(target, len(frames), len(drawn), n, len(found.controls))
     known.frame_params[:], known.drawn_params[:] = poses.params[frames], poses.params[drawn]
@@ -114,6 +114,7 @@ def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) ->
             check_vertices(found, index, vertices)
             for pose in np.flatnonzero(poses.shard == index):
                 offsets = found.face.to_ours(vertices[poses.row[pose]].astype(np.float64)) - found.vertices_mm
+                offsets[unused] = 0.0
                 if is_frame[pose]:
                     known.frame_offsets[place[pose]] = offsets
                 else:
@@ -127,7 +128,7 @@ def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) ->
 
 def _check_repeated(found: SampleFolder, known: KnownPoses) -> None:
     """Raise InputError for two poses with the same parameters and different vertices: no function gives both."""
-    tolerance = NEUTRAL * float(np.ptp(found.vertices_mm, axis=0).max())
+    tolerance = NEUTRAL * size_mm(found)
     for k, params in enumerate([*known.frame_params, *known.drawn_params]):
         first = known.find(params)
         if first != k:
@@ -147,11 +148,13 @@ def _points(
     some = np.unique(np.linspace(0, len(known.frame_params) - 1, POSES).astype(int))
     offsets = np.asarray(known.frame_offsets[some])
     motion = motion_mm(offsets)
-    landmarks = np.array(stated.landmarks or spread_out(neutral, motion, LANDMARKS), np.int32)
+    surface = found.in_faces
+    chosen = lambda count: surface[spread_out(neutral[surface], motion[surface], count)]  # noqa: E731
+    landmarks = np.array(stated.landmarks or chosen(LANDMARKS), np.int32)
     if stated.control_points:
         pairs = [(vertex, region) for region, vertices in stated.control_points.items() for vertex in vertices]
         return landmarks, np.array([vertex for vertex, _ in pairs], np.int32), tuple(region for _, region in pairs)
-    points = spread_out(neutral, motion, CONTROL_POINTS)
+    points = chosen(CONTROL_POINTS).astype(np.int32)
     default = np.array([control.default for control in found.controls])
     regions = [control.region for control in found.controls]
     return landmarks, points, regions_of(known.frame_params[some] - default, offsets[:, points], regions)

@@ -1,26 +1,30 @@
-"""The neutral pose of a folder of samples as its file has it: an OBJ, read line by line, a GLB or a glTF.
+"""The neutral pose of a folder of samples as its file has it: an OBJ or PLY, read row by row, a GLB or a glTF.
 
-General OBJ readers split or merge vertices at the seams of charts. Here they keep the order that the poses have too.
+General readers split or merge vertices at the seams of charts. Here they keep the order that the poses have too.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.gltf.document import buffer_files
-from data_recipes.gltf.gltf_face import read_gltf
+from data_recipes.gltf.gltf_face import GltfFace, read_gltf
+from data_recipes.sampled.ply_file import read_ply
+from data_recipes.sampled.polygons import triangulate
 from replicate.base.exceptions import InputError
-from replicate.base.schema import shown
-from replicate.base.user_files import read_text, shown_path
+from replicate.base.schema import cut, shown
+from replicate.base.user_files import read_bytes, shown_path
 
 MOST_BYTES = 400_000_000
-MOST_CORNERS = 64  # of a polygon
 FAR = 1e9
 NO_LABEL = ""
+NO_GROUP = (NO_LABEL, "default")  # names that an OBJ's faces have before anyone groups them
+CONTINUED = ("v", "vt", "f", "p")  # lines of numbers
 
 
 @dataclass(frozen=True)
@@ -28,9 +32,10 @@ class NeutralFile:
     """A mesh in the unit and axes of its file, cut into triangles.
 
     faces: vertex indices.
-    uv_faces: indices into uv.
+    uv_faces: indices into uv, −1 for the faces without texture coordinates.
     groups, materials: of each face, "" for none.
     members: group → the vertices that it lists itself, by point elements of an OBJ.
+    remarks: sentences on what was left out.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -40,15 +45,21 @@ class NeutralFile:
     groups: tuple[str, ...]
     materials: tuple[str, ...]
     members: dict[str, list[int]] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def unused(self) -> Int[np.ndarray, " k"]:
+        """The vertices in no face."""
+        return np.flatnonzero(np.bincount(self.faces.ravel(), minlength=len(self.vertices)) == 0)
 
 
 def read_mesh(file: Path) -> NeutralFile:
     """Return a mesh file's content.
 
-    Raises InputError, naming the line or the index, for texts in place of numbers, faces with vertices that don't
-    exist, texture coordinates at some corners only, and vertices without a face.
+    Raises InputError, naming the line or the index, for texts in place of numbers and faces with vertices that don't
+    exist.
     """
-    mesh = _read_obj(file) if file.suffix.lower() == ".obj" else _read_gltf(file)
+    mesh = READERS[file.suffix.lower()](file)
     where = shown_path(file)
     n = len(mesh.vertices)
     if not n or not len(mesh.faces):
@@ -62,9 +73,8 @@ def read_mesh(file: Path) -> NeutralFile:
     if len(outside):
         vertex = mesh.faces[outside[0]].max()
         raise InputError(f"{where}: face {outside[0]}: expected vertices from 0 to {n - 1}, got {vertex}")
-    unused = np.flatnonzero(np.bincount(mesh.faces.ravel(), minlength=n) == 0)
-    if len(unused):
-        raise InputError(f"{where}: vertex {unused[0]} (from 0) is in no face: remove it from mesh and poses")
+    if unused := len(mesh.unused):
+        mesh = replace(mesh, remarks=(*mesh.remarks, f"{where}: vertices in no face, which stand still: {unused}"))
     return mesh
 
 
@@ -75,73 +85,124 @@ def buffers_of(file: Path) -> tuple[Path, ...]:
 
 def _read_obj(file: Path) -> NeutralFile:
     where = shown_path(file)
-    vertices, uv, faces, uv_faces, groups, materials = [], [], [], [], [], []
-    group = material = NO_LABEL
-    polygons_without_uv, members = 0, {}
-    for line, text in enumerate(read_text(file, MOST_BYTES).splitlines(), start=1):
+    vertices, uv, polygons, uv_polygons, labels = [], [], [], [], []
+    item = group = material = NO_LABEL
+    members = {}
+    for line, (word, *words) in _lines(_text(file)):
         place = f"{where}: line {line}"
-        word, _, rest = text.strip().partition(" ")
         if word == "v":
-            vertices.append(_coordinates(rest, 3, place))
+            vertices.append(_coordinates(words, 3, place))
         elif word == "vt":
-            uv.append(_coordinates(rest, 2, place))
-        elif word in ("g", "o"):
-            group = rest.strip()
+            uv.append(_coordinates(words, 2, place))
+        elif word == "o":
+            item = group = " ".join(words)
+        elif word == "g":
+            name = " ".join(words)
+            group = item or name if name in NO_GROUP else name
         elif word == "usemtl":
-            material = rest.strip()
+            material = " ".join(words)
         elif word == "p":
-            points = [_index(point, len(vertices), "vertex", place) for point in rest.split("#")[0].split()]
+            points = [_index(point, len(vertices), "vertex", place) for point in _before_comment(words)]
             members.setdefault(group, []).extend(points)
         elif word == "f":
-            corners, uv_corners = _polygon(rest, len(vertices), len(uv), place)
-            polygons_without_uv += uv_corners is None
-            uv_corners = uv_corners or [0] * len(corners)
-            for k in range(1, len(corners) - 1):
-                faces.append((corners[0], corners[k], corners[k + 1]))
-                uv_faces.append((uv_corners[0], uv_corners[k], uv_corners[k + 1]))
-                groups.append(group)
-                materials.append(material)
-    has_uv = bool(faces) and not polygons_without_uv
-    if polygons_without_uv and uv and any(map(any, uv_faces)):
-        raise InputError(
-            f"{where}: {polygons_without_uv} polygons have no texture coordinates and others have: give them to all "
-            "polygons or to none"
-        )
+            corners, uv_corners = _polygon(_before_comment(words), len(vertices), len(uv), place)
+            polygons.append(corners)
+            uv_polygons.append(uv_corners)
+            labels.append((group, material))
+    return _of_polygons(where, vertices, uv, polygons, uv_polygons, labels, members)
+
+
+def _of_polygons(
+    where: str,
+    vertices: Sequence,
+    uv: Sequence,
+    polygons: Sequence[list[int]],
+    uv_polygons: Sequence[list[int]],
+    labels: Sequence[tuple[str, str]],
+    members: dict[str, list[int]],
+) -> NeutralFile:
+    """Return a mesh of polygons that may repeat corners or vertices; labels: the group and material of each."""
+    cleaned = [_without_repeats(*both) for both in zip(polygons, uv_polygons, strict=True)]
+    kept = [k for k, (corners, _) in enumerate(cleaned) if len(set(corners)) >= 3]
+    points = np.array(vertices, np.float64).reshape(-1, 3)
+    triangles = triangulate(points, [cleaned[k][0] for k in kept])
+    uv_faces = np.array([corner for k in kept for corner in cleaned[k][1]], np.int64)[triangles.corner]
+    has_uv = bool((uv_faces >= 0).any())
+    left_out = {
+        "of fewer than 3 different vertices": len(cleaned) - len(kept),
+        "of the same vertices as another": triangles.repeated,
+    }
+    of_face = [labels[kept[k]] for k in triangles.polygon]
     return NeutralFile(
-        np.array(vertices, np.float64).reshape(-1, 3),
-        np.array(faces, np.int64).reshape(-1, 3),
+        points,
+        triangles.faces,
         np.array(uv, np.float64).reshape(-1, 2) if has_uv else None,
-        np.array(uv_faces, np.int64).reshape(-1, 3) if has_uv else None,
-        tuple(groups),
-        tuple(materials),
+        uv_faces if has_uv else None,
+        tuple(group for group, _ in of_face),
+        tuple(material for _, material in of_face),
         members,
+        tuple(f"{where}: polygons {kind}, left out: {count}" for kind, count in left_out.items() if count),
     )
 
 
-def _coordinates(text: str, count: int, where: str) -> list[float]:
+def _without_repeats(corners: list[int], uv: list[int]) -> tuple[list[int], list[int]]:
+    """Return a polygon and its texture coordinates without the corners that the next one repeats."""
+    if len(set(corners)) == len(corners):
+        return corners, uv
+    kept = [k for k, vertex in enumerate(corners) if vertex != corners[(k + 1) % len(corners)]]
+    return [corners[k] for k in kept], [uv[k] for k in kept]
+
+
+def _text(file: Path) -> str:
+    """Return a file's text. Names that aren't UTF-8 are read as Windows writes them in Europe and America."""
+    data = read_bytes(file, MOST_BYTES)
     try:
-        values = [float(word) for word in text.split()[:count]]
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the words of each line with any; a line of numbers that ends in a backslash goes on."""
+    first, words = 0, []
+    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
+        first = number if not words else first
+        words += line.split()
+        if words and words[-1].endswith("\\") and words[0] in CONTINUED:
+            words[-1:] = [words[-1][:-1]] if len(words[-1]) > 1 else []
+            continue
+        if words:
+            yield first, words
+        words = []
+    if words:
+        yield first, words
+
+
+def _before_comment(words: list[str]) -> list[str]:
+    return words[: next((k for k, word in enumerate(words) if word.startswith("#")), len(words))]
+
+
+def _coordinates(words: list[str], count: int, where: str) -> list[float]:
+    try:
+        values = [float(word) for word in words[:count]]
     except ValueError:
         values = []
-    if len(values) < count:
-        raise InputError(f"{where}: expected {count} numbers, got {shown(text.strip())}")
+    if len(values) < count or not all(abs(value) <= FAR for value in values):  # False for NaN as well
+        raise InputError(f"{where}: expected {count} numbers up to {FAR:g}, got {shown(' '.join(words))}")
     return values
 
 
-def _polygon(text: str, vertices: int, uvs: int, where: str) -> tuple[list[int], list[int] | None]:
-    """Return the indices, from 0, of a polygon's vertices and of their texture coordinates (None without any)."""
-    corners = [corner.split("/") for corner in text.split("#")[0].split()]
-    if not 3 <= len(corners) <= MOST_CORNERS:
-        raise InputError(f"{where}: expected a polygon of 3 to {MOST_CORNERS} corners, got {len(corners)}")
+def _polygon(words: list[str], vertices: int, uvs: int, where: str) -> tuple[list[int], list[int]]:
+    """Return the indices, from 0, of a polygon's vertices and of their texture coordinates, −1 if any has none."""
+    corners = [corner.split("/") for corner in words]
+    if len(corners) < 3:
+        raise InputError(f"{where}: expected a polygon of 3 corners or more, got {len(corners)}")
     polygon = [_index(corner[0], vertices, "vertex", where) for corner in corners]
-    if len(set(polygon)) < len(polygon):
-        raise InputError(f"{where}: the polygon has a vertex twice, expected once")
-    with_uv = [len(corner) > 1 and corner[1] != "" for corner in corners]
-    if any(with_uv) and not all(with_uv):
-        raise InputError(
-            f"{where}: the polygon has texture coordinates at some corners: give them to all corners or to none"
-        )
-    return polygon, [_index(corner[1], uvs, "texture coordinate", where) for corner in corners] if with_uv[0] else None
+    if all(len(corner) > 1 and corner[1] for corner in corners):
+        uv = [_index(corner[1], uvs, "texture coordinate", where) for corner in corners]
+    else:
+        uv = [-1] * len(polygon)
+    return polygon, uv
 
 
 def _index(text: str, count: int, kind: str, where: str) -> int:
@@ -156,14 +217,56 @@ def _index(text: str, count: int, kind: str, where: str) -> int:
     return index
 
 
-def _read_gltf(file: Path) -> NeutralFile:
-    """Read the triangles of a GLB's or glTF's scene, in file order; its nodes are the groups."""
-    face = read_gltf(file)
-    if face.uv is not None and not face.has_uv.all():
-        without = list(dict.fromkeys(np.array(face.nodes)[~face.has_uv[face.faces[:, 0]]]))
-        raise InputError(
-            f"{shown_path(file)}: {shown(', '.join(without))}: no texture coordinates, and other parts have some: give "
-            "them to all parts or to none"
-        )
-    uv_faces = None if face.uv is None else face.faces
+UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+
+
+def _read_ply(file: Path) -> NeutralFile:
+    """Read a PLY, which has no groups; its texture coordinates are those of vertices, or of the corners of faces."""
+    where, data = shown_path(file), read_bytes(file, MOST_BYTES)
+    try:
+        elements = read_ply(data)
+    except ValueError as error:
+        raise InputError(f"{where}: not a readable PLY ({cut(str(error))})") from None
+    vertex, face = elements.get("vertex", {}), elements.get("face", {})
+    polygons = [list(corners) for corners in face.get("vertex_indices", face.get("vertex_index", ()))]
+    if missing := [name for name in "xyz" if name not in vertex]:
+        raise InputError(f"{where}: its vertices have no {missing[0]}")
+    points = list(zip(*(vertex[name] for name in "xyz"), strict=True))
+    for k, corners in enumerate(polygons):
+        if not all(isinstance(corner, int) and 0 <= corner < len(points) for corner in corners):
+            raise InputError(
+                f"{where}: face {k} (from 0): expected vertices from 0 to {len(points) - 1}, got {corners}"
+            )
+    names = next((names for names in UV_NAMES if set(names) <= vertex.keys()), None)
+    if names:
+        uv, uv_polygons = list(zip(*(vertex[name] for name in names), strict=True)), polygons
+    else:
+        uv, uv_polygons = _uv_of_corners(polygons, face.get("texcoord", [()] * len(polygons)))
+    return _of_polygons(where, points, uv, polygons, uv_polygons, [(NO_LABEL, NO_LABEL)] * len(polygons), {})
+
+
+def _uv_of_corners(polygons: list[list[int]], texcoord: Sequence[tuple]) -> tuple[list[tuple], list[list[int]]]:
+    """Return different places, and which of them each corner has; u and v of each corner follow one another."""
+    places, found = {}, []
+    for corners, values in zip(polygons, texcoord, strict=True):
+        if len(values) == 2 * len(corners):
+            pairs = zip(values[::2], values[1::2], strict=True)
+            found.append(
+                [places.setdefault((vertex, *pair), len(places)) for vertex, pair in zip(corners, pairs, strict=True)]
+            )
+        else:
+            found.append([-1] * len(corners))
+    return [place[1:] for place in places], found
+
+
+def neutral_of(face: GltfFace) -> NeutralFile:
+    """Return a glTF's triangles, in file order; its nodes are the groups."""
+    uv_faces = None if face.uv is None else np.where(face.has_uv[face.faces], face.faces, -1)
     return NeutralFile(face.vertices, face.faces, face.uv, uv_faces, face.nodes, face.materials)
+
+
+def _read_gltf(file: Path) -> NeutralFile:
+    return neutral_of(read_gltf(file))
+
+
+READERS = {".obj": _read_obj, ".ply": _read_ply, ".glb": _read_gltf, ".gltf": _read_gltf}

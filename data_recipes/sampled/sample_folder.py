@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from data_recipes.controls import Control
 from data_recipes.sampled.face_file import (
     CONTROL_FILE,
     FACE_FILE,
+    FARTHEST_LIMIT,
+    ControlLine,
     FaceFile,
     influence_file,
     read_controls,
@@ -25,7 +28,7 @@ from data_recipes.sampled.mesh_file import NeutralFile, buffers_of, read_mesh
 from data_recipes.sampled.segment_charts import check_segments
 from data_recipes.sampled.shards import FOLDER, Shard, read_shards, shard_files
 from replicate.base.exceptions import InputError
-from replicate.base.schema import shown
+from replicate.base.schema import cut, shown
 from replicate.base.user_files import shown_path
 
 # The poses of all shards as one list: their parameters, and which of them are frames of clips, in order.
@@ -62,7 +65,7 @@ def list_poses(
     """Return the poses of some shards.
 
     where: the shards' folder, for messages.
-    lower, default, upper: of each control.
+    lower, default, upper: of each control; NaN for a limit that the poses decide.
     Raises InputError for parameters that are not finite or farther from their defaults than anyone would set them, for
     frames that are there twice, and for too few or too many poses.
     """
@@ -110,24 +113,66 @@ def list_poses(
 
 def _params(shard: Shard, where: str, lower: np.ndarray, default: np.ndarray, upper: np.ndarray) -> np.ndarray:
     params = shard.read("params").astype(np.float64)
-    bad = np.argwhere(~(np.abs(params - default) <= FARTHEST * (upper - lower).astype(np.float64)))  # True for NaN too
+    locked, ranges = lower == upper, (upper - lower).astype(np.float64)
+    reach = np.where(np.isnan(ranges), FARTHEST_LIMIT, FARTHEST * ranges)
+    reach = np.where(locked, AT_DEFAULT * np.maximum(np.abs(default), 1.0), reach)
+    bad = np.argwhere(~(np.abs(params - default) <= reach))  # True for NaN too
     if len(bad):
         pose, control = bad[0]
         value = shown(float(params[pose, control]))
         expected = f"expected a finite number within {FARTHEST:g} ranges of the default"
+        if locked[control]:
+            expected = f"expected {default[control]:g}, as its control has no range"
         raise InputError(f"{where}/{shard.name}: params[{pose}, {control}]: {expected}, got {value}")
     return params.astype(np.float32) + np.float32(0)  # −0 → +0
 
 
 def _frame_numbers(shard: Shard, where: str) -> np.ndarray:
     frame = shard.read("frame")
-    bad = np.flatnonzero((frame < 0) | (frame > 10**9))
+    bad = np.flatnonzero(~((frame >= 0) & (frame <= 10**9) & (frame == np.floor(frame))))
     if len(bad):
-        found = frame[bad[0]]
-        raise InputError(
-            f"{where}/{shard.name}: frame[{bad[0]}]: expected a number from 0 to 1,000,000,000, got {found}"
-        )
+        expected = "expected a whole number from 0 to 1,000,000,000"
+        raise InputError(f"{where}/{shard.name}: frame[{bad[0]}]: {expected}, got {frame[bad[0]]}")
     return frame.astype(np.int64)
+
+
+def limits_from_poses(
+    lines: Sequence[ControlLine], poses: PoseList, where: str
+) -> tuple[tuple[Control, ...], Int[np.ndarray, " k"], tuple[str, ...]]:
+    """Return the controls that have a range, their columns in `params`, and sentences on what the lines didn't say.
+
+    A limit that a line leaves open is the farthest that frames and poses go, or where only drawn poses move the
+    control, these. A control that no pose moves and no line gives a range is left out.
+    where: the file, for messages. Raises InputError if all are left out.
+    """
+    default = np.array([line.default for line in lines])
+    acted = np.concatenate([poses.frames, poses.drawn[poses.source == NO_SOURCE]])
+    low, high = _reach(poses.params[acted], default)
+    lowest, highest = _reach(poses.params, default)
+    low, high = np.where(low < high, low, lowest), np.where(low < high, high, highest)
+    controls, columns, left_out, taken = [], [], [], []
+    for k, line in enumerate(lines):
+        lower = float(low[k]) if np.isnan(line.lower) else line.lower
+        upper = float(high[k]) if np.isnan(line.upper) else line.upper
+        if lower == upper:
+            left_out.append(line.name)
+            continue
+        controls.append(Control(line.name, lower, line.default, upper, line.region))
+        columns.append(k)
+        if np.isnan(line.lower) or np.isnan(line.upper):
+            taken.append(line.name)
+    if not controls:
+        raise InputError(f"{where}: expected a control that poses move, got none")
+    remarks = {"controls that nothing moves, left out": left_out, "limits taken from the poses": taken}
+    sentences = tuple(f"{where}: {what}: {cut(', '.join(names))}" for what, names in remarks.items() if names)
+    return tuple(controls), np.array(columns), sentences
+
+
+def _reach(params: np.ndarray, default: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest value of each control, its default included."""
+    low, high = params.min(axis=0).astype(np.float64), params.max(axis=0).astype(np.float64)
+    near = AT_DEFAULT * np.maximum(np.abs(default), 1.0)  # single precision
+    return np.where(low < default - near, low, default), np.where(high > default + near, high, default)
 
 
 def _natural(name: str) -> list:
@@ -152,6 +197,7 @@ class SampleFolder:
     neutral: the mesh as its file has it.
     vertices_mm: (n, 3), in our axes, not yet shifted.
     moves: (n, m), which control moves which vertex, if the folder has it.
+    remarks: sentences on what was left out or filled in.
     """
 
     folder: Path
@@ -162,6 +208,7 @@ class SampleFolder:
     shards: tuple[Shard, ...]
     poses: PoseList
     moves: np.ndarray | None
+    remarks: tuple[str, ...]
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -179,16 +226,28 @@ class SampleFolder:
         """The shards' folder, for messages."""
         return shown_path(self.folder / FOLDER)
 
+    @cached_property
+    def in_faces(self) -> Int[np.ndarray, " k"]:
+        """The vertices that are in a face."""
+        return np.unique(self.neutral.faces)
+
+    def surface(self, vertices: Float[np.ndarray, "*b n 3"]) -> Float[np.ndarray, "*b k 3"]:
+        """Return vertices without those that are in no face."""
+        return vertices if len(self.in_faces) == vertices.shape[-2] else vertices[..., self.in_faces, :]
+
 
 @cache
 def open_folder(folder: Path) -> SampleFolder:
     """Return a folder's content, after all checks that take seconds.
 
     A process reads a folder once: shards that come later belong to the next run. `open_folder.cache_clear()` forgets
-    the content. Raises InputError, naming the file, for a folder that contradicts itself.
+    the content. Standard error gets a line about whatever is left out. Raises InputError, naming the file, for a folder
+    that contradicts itself.
     """
     found = read_folder(folder)
     check_size(found)
+    for remark in found.remarks:
+        print(remark, file=sys.stderr, flush=True)
     looked_at = 0
     for index, shard in enumerate(found.shards):
         if looked_at > LOOKED_AT_BYTES:
@@ -207,23 +266,40 @@ def read_folder(
     influence: whether to use an `influence.npy`.
     """
     face = read_face(folder) if face is None else face
-    controls = read_controls(folder)
+    lines = read_controls(folder)
     file = folder / face.mesh
     neutral = read_mesh(file)
     check_segments(neutral, face.segments, shown_path(file))
     _check_points(face, len(neutral.vertices), folder)
     files = shard_files(folder) if shards is None else shards
-    found = read_shards(files, len(controls), len(neutral.vertices))
-    limits = (np.array([getattr(c, name) for c in controls]) for name in ("lower", "default", "upper"))
-    poses = list_poses(found, shown_path(folder / FOLDER), *limits)
+    found = read_shards(files, len(lines), len(neutral.vertices))
+    limits = (np.array([getattr(line, name) for line in lines]) for name in ("lower", "default", "upper"))
+    where = shown_path(folder / FOLDER)
+    poses = list_poses(found, where, *limits)
+    controls, columns, remarks = limits_from_poses(lines, poses, shown_path(folder / CONTROL_FILE))
+    poses = replace(poses, params=np.ascontiguousarray(poses.params[:, columns]))
     influence_files = influence_file(folder) if influence else ()
-    moves = read_influence(influence_files[0], len(neutral.vertices), len(controls)) if influence_files else None
-    return SampleFolder(folder, face, controls, neutral, face.to_ours(neutral.vertices), found, poses, moves)
+    moves = None
+    if influence_files:
+        moves = read_influence(influence_files[0], len(neutral.vertices), len(lines))[:, columns]
+    if ignored := sorted({name for shard in found for name in shard.ignored}):
+        remarks = (*remarks, f"{where}: arrays that no shard needs, left alone: {cut(', '.join(ignored))}")
+    return SampleFolder(
+        folder,
+        face,
+        controls,
+        neutral,
+        face.to_ours(neutral.vertices),
+        found,
+        poses,
+        moves,
+        (*neutral.remarks, *remarks),
+    )
 
 
 def size_mm(found: SampleFolder) -> float:
     """Return the largest side of the box around the neutral pose."""
-    return float(np.ptp(found.vertices_mm, axis=0).max())
+    return float(np.ptp(found.surface(found.vertices_mm), axis=0).max())
 
 
 def check_size(found: SampleFolder) -> None:
@@ -247,7 +323,7 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
         pose, vertex, _ = np.argwhere(~np.isfinite(vertices))[0]
         value = vertices[pose, vertex].tolist()
         raise InputError(f"{where}: vertices[{pose}, {vertex}]: expected finite numbers, got {value}")
-    neutral = found.neutral.vertices
+    neutral, vertices = found.surface(found.neutral.vertices), found.surface(vertices)
     extent = np.median(np.ptp(vertices.astype(np.float64), axis=1).max(axis=1))
     if not size / EXTENT <= extent <= size * EXTENT:
         raise InputError(
@@ -269,8 +345,8 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
         off = np.abs(vertices[pose].astype(np.float64) - neutral).max(axis=1)
         if off.max() > NEUTRAL * size:
             raise InputError(
-                f"{where}: pose {pose} is at all defaults, and its vertex {off.argmax()} is {off.max() / size:.2%} of "
-                f"the face's size from the mesh, expected at most {NEUTRAL:.1%}"
+                f"{where}: pose {pose} is at all defaults, and its vertex {found.in_faces[off.argmax()]} is "
+                f"{off.max() / size:.2%} of the face's size from the mesh, expected at most {NEUTRAL:.1%}"
             )
 
 

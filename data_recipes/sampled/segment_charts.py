@@ -3,12 +3,13 @@
 A vertex belongs to the segment of most of its faces, unless a group of an OBJ lists it. It takes the texture
 coordinates that most of its corners in that segment have. So a vertex on a seam is not split but lies on one side of
 it, and the mesh keeps the vertices of the poses, in their order. Charts are stretched over the unit square unless they
-nearly fill it.
+nearly fill it. Vertices in no face are a segment of their own: in any other's chart they would be in the way.
 """
 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,8 +25,8 @@ MOST_SEGMENTS = 300
 MOST_OVERLAP = 0.02  # the share of a segment's texels that may be covered twice
 FULL = 0.9  # a chart that spans this share of the unit square along both axes is not stretched
 LEAST_COVER = 0.15  # the share of the unit square that a segment's charts must cover
-LONGEST_NAME = 60
-WITHOUT_NAME = "rest"
+LONGEST_NAME = 60  # bytes
+WITHOUT_NAME, UNUSED = "rest", "unused"
 
 
 def make_mesh(neutral: NeutralFile, segments: str, vertices_mm: Float[np.ndarray, "n 3"], where: str) -> Mesh:
@@ -51,6 +52,8 @@ def make_mesh(neutral: NeutralFile, segments: str, vertices_mm: Float[np.ndarray
         for name, members in neutral.members.items():
             if name in names:
                 segment[members] = names.index(name)
+    if len(neutral.unused):
+        segment[neutral.unused], names = len(names), [*names, UNUSED]
     uv = np.empty((len(vertices), 2))
     for k in np.unique(segment):
         members = np.flatnonzero(segment == k)
@@ -62,10 +65,11 @@ def make_mesh(neutral: NeutralFile, segments: str, vertices_mm: Float[np.ndarray
 
 def check_segments(neutral: NeutralFile, segments: str, where: str) -> None:
     """Raise InputError where a mesh can't have such segments."""
-    if segments == "islands" and neutral.uv is None:
+    without = len(neutral.faces) if neutral.uv is None else int((neutral.uv_faces < 0).any(axis=1).sum())
+    if segments == "islands" and without:
         raise InputError(
-            f'{where}: the mesh has no texture coordinates, which segments = "islands" needs: write "groups" or '
-            '"materials", for which charts are made, or give the mesh texture coordinates'
+            f"{where}: {without} of {len(neutral.faces)} triangles have no texture coordinates, which segments = "
+            '"islands" needs: write "groups" or "materials", for which charts are made, or give all of them some'
         )
     count = len(face_segments(neutral, segments)[1])
     if count > MOST_SEGMENTS:
@@ -117,7 +121,7 @@ def _chart(
     """Return the places in the unit square of a segment's vertices, `members`. faces: indices of its faces."""
     if not len(faces):
         return np.full((len(members), 2), 0.5)
-    if neutral.uv is not None:
+    if neutral.uv is not None and (neutral.uv_faces[faces] >= 0).all():
         corners, places = neutral.uv[neutral.uv_faces[faces]], neutral.uv_faces[faces]
         inside = np.isin(neutral.faces[faces], members)  # corners at other segments' vertices are left out
         if inside.any():
@@ -176,8 +180,10 @@ def made_chart(
 
 
 def clean_name(name: str) -> str:
-    """Return a segment's name with other characters than letters, digits, _ and - replaced."""
-    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME] or WITHOUT_NAME
+    """Return a segment's name with other characters than letters and digits of any script, _ and - replaced."""
+    safe = (c if c in "_-" or unicodedata.category(c)[0] in "LMN" else " " for c in unicodedata.normalize("NFC", name))
+    stem = re.sub(r"\s+", "_", "".join(safe)).strip("_")
+    return stem.encode()[:LONGEST_NAME].decode(errors="ignore") or WITHOUT_NAME
 
 
 def _clean_names(names: Sequence[str]) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BufferedIOBase
 from pathlib import Path
 
@@ -34,12 +34,13 @@ UNFINISHED = ".part"
 MOST_FILES = 20_000
 MOST_BYTES = 1_000_000_000  # of an array: it is read as a whole
 LONGEST_CLIP = 100  # letters of a clip's name
-KINDS = {"params": "f", "vertices": "f", "clip": "U", "frame": "iu", "drawn": "b"}
+KINDS = {"params": "fiu", "vertices": "f", "clip": "US", "frame": "iuf", "drawn": "b"}
 WORDS = {
-    "f": "numbers of float16, float32 or float64",
-    "U": f"texts of at most {LONGEST_CLIP} letters",
-    "iu": "whole numbers",
-    "b": "true or false (bool)",
+    "params": "numbers, floats of at most 64 bits",
+    "vertices": "numbers of float16, float32 or float64",
+    "clip": f"texts of at most {LONGEST_CLIP} letters",
+    "frame": "whole numbers",
+    "drawn": "true or false (bool)",
 }
 _PAIR = re.compile(r"(.+)\.(" + "|".join(ARRAYS) + r")\.npy")
 DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, NotImplementedError, SyntaxError, struct.error,
@@ -65,11 +66,13 @@ class Shard:
     name: of the file, or the NAME of several.
     files: array → its file, one npz for all of them.
     headers: by array.
+    ignored: names of arrays that no shard needs.
     """
 
     name: str
     files: Mapping[str, Path]
     headers: Mapping[str, Header]
+    ignored: tuple[str, ...] = ()
 
     @property
     def poses(self) -> int:
@@ -94,7 +97,9 @@ class Shard:
                 raise ValueError("it ends too early")
             order = "F" if _is_fortran(file, name) else "C"
             array = np.frombuffer(data, header.dtype).reshape(header.shape, order=order)
-        if header.dtype.kind == "U":
+        if header.dtype.kind == "S":
+            array = _decoded(array, f"{shown_path(file)}: {name}")
+        if array.dtype.kind == "U":
             _check_names(array, f"{shown_path(file)}: {name}")
         return array
 
@@ -130,14 +135,25 @@ def read_shards(files: Sequence[Path], controls: int, vertices: int) -> tuple[Sh
     controls, vertices: how many the rig has. Raises InputError, naming the file and the array, for any other content.
     """
     groups: dict[str, dict[str, Path]] = {}
+    ignored: dict[str, tuple[str, ...]] = {}
     for file in files:
         if pair := _PAIR.fullmatch(file.name):
             groups.setdefault(pair[1], {})[pair[2]] = file
         else:
-            groups[file.name] = dict.fromkeys(_names_in(file), file)
-            if not groups[file.name]:
+            names = _names_in(file)
+            groups[file.name] = dict.fromkeys(filter(ARRAYS.__contains__, names), file)
+            ignored[file.name] = tuple(name for name in names if name not in ARRAYS)
+            if not names:
                 raise InputError(f"{shown_path(file)}: it is empty: a shard needs params and vertices")
-    return tuple(_shard(name, group, controls, vertices) for name, group in groups.items())
+    shards = (_shard(name, group, controls, vertices) for name, group in groups.items())
+    return tuple(replace(shard, ignored=ignored.get(shard.name, ())) for shard in shards)
+
+
+def _decoded(names: np.ndarray, where: str) -> np.ndarray:
+    try:
+        return np.char.decode(names, "utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: expected texts in UTF-8, got {shown(error.object)}") from None
 
 
 def _check_names(names: np.ndarray, where: str) -> None:
@@ -163,11 +179,8 @@ def _check_regular(file: Path) -> None:
 def _names_in(file: Path) -> list[str]:
     with _reading(file, ""), zipfile.ZipFile(_open(file)) as archive:
         names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
-    wrong = next((name for name in names if name not in ARRAYS or names.count(name) > 1), None)
-    if wrong is not None:
-        raise InputError(
-            f"{shown_path(file)}: expected arrays named {', '.join(ARRAYS)}, each once, got {shown(wrong)}"
-        )
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(f"{shown_path(file)}: the array {shown(twice)} is there twice, expected once")
     return names
 
 
@@ -190,9 +203,9 @@ def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> S
         if header.shape != expectation or t == 0:
             expected = "at least one pose" if t == 0 else f"{expectation}{about.get(array, ', one for each pose')}"
             raise InputError(f"{where}: shape of {array}: expected {expected}, got {cut(str(header.shape))}")
-        kind, size = KINDS[array], header.dtype.itemsize
-        if header.dtype.kind not in kind or (kind == "f" and size > 8) or (kind == "U" and size > 4 * LONGEST_CLIP):
-            raise InputError(f"{where}: {array}: expected {WORDS[kind]}, got {header.dtype}")
+        longest = 4 * LONGEST_CLIP if header.dtype.kind in "US" else 8
+        if header.dtype.kind not in KINDS[array] or header.dtype.itemsize > longest:
+            raise InputError(f"{where}: {array}: expected {WORDS[array]}, got {header.dtype}")
     if ("clip" in headers) != ("frame" in headers):
         raise InputError(f"{where}: it has only one of clip and frame: write both or neither")
     if "drawn" in headers and "clip" not in headers:
@@ -233,7 +246,7 @@ def _header(stream: BufferedIOBase, size: int) -> Header:
     """Read the header from a stream. size: the bytes of header and array together."""
     shape, _, dtype = _read_header(stream)
     if dtype.hasobject:
-        raise _UnfitError("expected numbers or texts, got Python objects")
+        raise _UnfitError("expected numbers or texts, got Python objects: make them texts, np.array(…, dtype=str)")
     length = dtype.itemsize * math.prod(shape)
     if length > MOST_BYTES:
         raise _UnfitError(f"expected at most {MOST_BYTES / 1e9:g} GB, got {length / 1e9:.1f} GB: write smaller shards")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -84,8 +86,10 @@ def _face(rig: Rig) -> str:
 
 
 def _controls(rig: Rig) -> str:
+    text = io.StringIO()
     rows = ([c.name, repr(c.lower), repr(c.default), repr(c.upper), c.region] for c in rig.controls)
-    return "".join(",".join(row) + "\n" for row in (HEADER, *rows))
+    csv.writer(text, lineterminator="\n").writerows([HEADER, *rows])
+    return text.getvalue()
 
 
 def _obj(mesh: Mesh) -> str:

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from data_recipes.acting.procedural_acting import Acting
 from data_recipes.gltf.document import buffer_files
 from data_recipes.gltf.gltf_face import GltfSkin, read_gltf
-from data_recipes.recipe_paths import SHAPE_ENDINGS, shape_file
-from data_recipes.sampled.face_file import FACE_FILE, FARTHEST_LIMIT, MM, Points, in_our_axes
-from data_recipes.sampled.mesh_file import NeutralFile, read_mesh
+from data_recipes.recipe_paths import FACE_FILE, SHAPE_ENDINGS, SHAPE_MESHES, shape_file
+from data_recipes.sampled.face_file import FARTHEST_LIMIT, MM, Points, in_our_axes
+from data_recipes.sampled.mesh_file import NeutralFile, neutral_of, read_mesh
 from replicate.base.exceptions import InputError
 from replicate.base.schema import Checked, names, naming, number, numbers, read_table, shown
 from replicate.base.spelling import nothing_named
@@ -22,7 +22,6 @@ from replicate.base.user_files import is_file, read_toml, shown_path
 
 # ruff: noqa: RUF009 — defaults are `dataclasses.field`s, or frozen
 
-MESHES = (".obj", ".ply")
 NEUTRAL_NAMES = ("neutral", "base", "basis", "rest", "default", "mean")
 MOST_SHAPES = 2_000
 GUESSED_UNITS = ("m", "cm", "mm")  # the first that makes the face as large as a face
@@ -121,7 +120,7 @@ def source_files(recipe: ShapeRecipe) -> tuple[Path, ...]:
         if not is_file(place):
             raise InputError(f"{shown_path(place)}: there is no such file")
         return (place, *(file for file in buffer_files(place) if file != place))
-    meshes = sorted(file for file in place.iterdir() if file.suffix.lower() in MESHES)
+    meshes = sorted(file for file in place.iterdir() if file.suffix.lower() in SHAPE_MESHES)
     if len(meshes) > MOST_SHAPES:
         raise InputError(f"{shown_path(place)}: expected at most {MOST_SHAPES:,} shapes, got {len(meshes):,}")
     stated = recipe.face.mesh
@@ -170,11 +169,7 @@ def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
                 f"{where}: it has no morph targets, so nothing can move: export it with shape keys, or name joints of "
                 f"its skin in a {FACE_FILE} beside it"
             )
-        whole = found.uv is not None and bool(found.has_uv.all())
-        neutral = NeutralFile(
-            found.vertices, found.faces, found.uv if whole else None, found.faces if whole else None, found.nodes,
-            found.materials,
-        )  # fmt: skip
+        neutral = neutral_of(found)
         targets, weights, skin, colours = found.targets, found.weights, found.skin, found.base_colour
     else:
         neutral = read_mesh(file)
@@ -196,7 +191,7 @@ def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
 def count_controls(recipe: ShapeRecipe, files: Sequence[Path]) -> int:
     """Return how many controls a rig of these files has at most."""
     joints = sum(map(len, recipe.face.joints.values()))
-    return joints + (len(files) - 1 if files[0].suffix.lower() in MESHES else len(read_gltf(files[0]).targets))
+    return joints + (len(files) - 1 if files[0].suffix.lower() in SHAPE_MESHES else len(read_gltf(files[0]).targets))
 
 
 def _guess_unit(vertices: np.ndarray, targets: Mapping[str, np.ndarray], where: str) -> float:

@@ -1,7 +1,8 @@
 """The rig of a face of shapes: the neutral and a weighted sum of offsets, and joints where they are asked for.
 
 Vertices that coincide and move alike, as on both sides of a texture's seam, are one vertex of the rig: networks would
-tear them apart. The constants' `file_vertices` say where the file's vertices are among the rig's, −1 for what is only shown.
+tear them apart. The constants' `file_vertices` say where the file's vertices are among the rig's, −1 for what is only
+shown.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import pandas
 from jaxtyping import Bool, Float, Int, UInt8
 
 from data_recipes.catalogue import build_rig
-from data_recipes.recipe_paths import character_label
+from data_recipes.recipe_paths import character_label, in_command
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import normal_error
 from replicate.approximation.segments import segment_vertices
@@ -246,7 +246,8 @@ def figure_of(character: str) -> "tuple[matplotlib.figure.Figure, Words]":
     rig = build_rig(character)
     file = REFERENCE / f"figure07_{character_label(character)}.csv"
     if not file.is_file():
-        raise InputError(f"{file}: there is no such file; `make figure07 CHARACTERS={character}` finds rigid segments.")
+        command = f"make figure07 CHARACTERS={in_command(character)}"
+        raise InputError(f"{file}: there is no such file; `{command}` finds rigid segments.")
     kinds = dict(pandas.read_csv(file)[["segment", "kind"]].itertuples(index=False))
     rigid = np.array([kinds.get(name) != "deforms" for name in rig.mesh.segment_names])
     return regional_figure(rig, rigid, RegionalConfig(), character)

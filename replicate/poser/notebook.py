@@ -14,6 +14,7 @@ import numpy as np
 import traitlets
 from jaxtyping import Float
 
+from data_recipes.recipe_paths import in_command
 from replicate.base.exceptions import InputError
 from replicate.base.paths import cache_folder, display_path
 from replicate.base.progress import progress
@@ -278,7 +279,7 @@ def artefacts_of_run(results: str, character: str) -> dict[str, Path]:
     folder = folder_of(results)
     facts = entries(folder, SHOWN).get(character)
     if facts is None:
-        command = f"make {command_of(SHOWN)} CHARACTERS={character}"
+        command = f"make {command_of(SHOWN)} CHARACTERS={in_command(character)}"
         raise InputError(f"{display_path(folder)}: there is no {SHOWN} of {character}; `{command}` makes it.")
     needed = ("rig", "rigid", "influence", regional.METHOD.name)
     found: dict[str, Path] = {}
@@ -287,7 +288,7 @@ def artefacts_of_run(results: str, character: str) -> dict[str, Path]:
         if name in needed or name.startswith(NETWORKS):
             artefact = load(f"{title}-{stage['key']}")
             if artefact is None:
-                command = f"make {command_of(SHOWN)} CHARACTERS={character} PROFILE={facts['profile']}"
+                command = f"make {command_of(SHOWN)} CHARACTERS={in_command(character)} PROFILE={facts['profile']}"
                 raise InputError(
                     f"The cache, {display_path(cache_folder())}, does not hold {title} as these results have it. "
                     f"`{command}` trains what is missing; then open the results of {facts['profile']!r}."

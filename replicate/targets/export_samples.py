@@ -3,7 +3,7 @@
 import argparse
 
 from data_recipes.catalogue import check_empty, write_folder
-from data_recipes.recipe_paths import character_label
+from data_recipes.recipe_paths import character_label, in_command
 from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.base.progress import progress
@@ -31,4 +31,5 @@ def run(options: argparse.Namespace) -> None:
         count, shards = drawn_shards(rig, config.samples, config.seed)
         moves = tried_influence(rig, config.samples, config.seed, progress)
         write_folder(rig, folder, count, shards, progress, moves)
-        print(f"written to {paths.display_path(folder)}: {count:,} poses; `make table2 CHARACTERS={folder}` reads them")
+        command = f"make table2 CHARACTERS={in_command(str(folder))}"
+        print(f"written to {paths.display_path(folder)}: {count:,} poses; `{command}` reads them")

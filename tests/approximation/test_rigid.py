@@ -225,7 +225,7 @@ def test_attachments_come_back_from_disk_as_they_were(tmp_path):
 
 
 def eye_poses(turns=300, still=300):
-    """Poses in which the second segment turns by itself, in as many as the first number says, in skin that stands still."""
+    """Poses in which the second segment turns by itself in still skin, in as many as the first number says."""
     mesh, rng = grid_mesh(), np.random.default_rng(9)
     poses = np.repeat(mesh.neutral[None].astype(np.float64), turns + still, 0)
     eye = mesh.segment == 1

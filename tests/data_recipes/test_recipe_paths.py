@@ -10,12 +10,14 @@ from data_recipes.recipe_paths import (
     RECIPES,
     character_label,
     character_names,
+    in_command,
     named,
     recipe_file,
     sample_folder,
     split_character,
 )
 from replicate.base.exceptions import InputError
+from replicate.base.user_files import words
 from replicate.config import resolve
 
 
@@ -53,6 +55,39 @@ def test_a_folder_of_samples_is_named_by_its_face_file_too(tmp_path):
     assert resolve(f"{folder}/face.toml", "quick") == resolve(str(folder), "quick")
     (tmp_path / "face.toml").write_text((RECIPES / "tiny.toml").read_text())
     assert named(f"{tmp_path}/face.toml") == f"{tmp_path}/face.toml", "a recipe may be called so"
+
+
+@pytest.mark.parametrize("file", ["mesh.obj", "head.PLY", "head.glb", "controls.csv", "face.toml"])
+def test_a_folder_of_samples_is_named_by_any_file_that_says_what_it_is(tmp_path, monkeypatch, file):
+    folder = write(tmp_path / "my face")
+    if not (folder / file).exists():
+        (folder / file).write_bytes(b"")
+    monkeypatch.chdir(folder)
+    assert named(str(folder / file)) == str(folder) == named(file) == named(f"../my face/{file}")
+    assert resolve(str(folder / file), "quick") == resolve(str(folder), "quick")
+
+
+def test_a_face_file_without_its_controls_still_names_its_folder_where_poses_are(tmp_path):
+    folder = write(tmp_path / "mine")
+    (folder / "controls.csv").unlink()
+    assert named(f"{folder}/face.toml") == str(folder)
+
+
+def test_a_mesh_that_belongs_to_no_folder_of_samples_stays_what_it_is(tmp_path):
+    (tmp_path / "mesh.obj").write_text("")
+    assert named(f"{tmp_path}/mesh.obj") == f"{tmp_path}/mesh.obj"
+    with pytest.raises(InputError, match=r"face\.toml: there is no such file, which a folder of samples has"):
+        resolve(f"{tmp_path}/mesh.obj", "quick")
+
+
+def test_a_command_names_a_character_so_that_it_can_be_typed_anywhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "my face"), write(tmp_path / "mine")
+    for character in ("my face", "./my face", f"{tmp_path}/my face/mesh.obj"):
+        assert words(in_command(named(character))) == [f"{tmp_path}/my face"]
+    assert in_command("mine") == f"{tmp_path}/mine" and in_command("own.toml@3") == f"{tmp_path}/own.toml@3"
+    assert in_command("teen@one_face") == "teen@one_face"
+    assert in_command("somebody") == "<recipe or folder of somebody>"
 
 
 def test_a_face_file_is_named_from_within_its_folder(tmp_path, monkeypatch):

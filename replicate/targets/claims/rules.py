@@ -213,9 +213,7 @@ class Evidence:
         row = self.rows.get((table, character, method, metric))
         if row is None:
             target = "table2" if table == SEGMENTS else table
-            which, whose = f"no {metric} of {method} for {character}", character
-            if is_from_elsewhere(character):
-                whose = f"<recipe or folder of {character}>"
+            which, whose = f"no {metric} of {method} for {character}", recipe_paths.in_command(character)
             raise MissingNumber(f"{target}.csv has {which}; `make {command_of(target)} CHARACTERS={whose}` writes it.")
         by_seed = self.by_seed.get(row.key, {})
         by_seed = by_seed if len(by_seed) == row.seeds else {}  # those of another run say nothing about this one
@@ -229,12 +227,6 @@ class Evidence:
         """Return the names of the folders that the rows come from, with commas between them."""
         keys = {(row.table.replace(SEGMENTS, "table2"), row.character) for row in rows}
         return ", ".join(sorted({self.places[key] for key in keys if key in self.places}))
-
-
-def is_from_elsewhere(character: str) -> bool:
-    """Return whether a character has no recipe here, so that commands need its folder instead of its name."""
-    name, _ = recipe_paths.split_character(character)
-    return name not in STANDS_FOR and not recipe_paths.recipe_file(name).is_file()
 
 
 def folders_of(name: str) -> list[Path]:

@@ -139,3 +139,22 @@ def test_a_folder_without_clips_has_none(tmp_path):
     np.savez(folder / "poses" / "random.npz", params=params, vertices=vertices_at(params))
     rig = rig_of(folder, tmp_path / "rig")
     assert rig.clips is None and len(rig.known_poses.frame_params) == 50
+
+
+def test_vertices_in_no_face_stand_still_wherever_they_are_and_are_no_points(tmp_path, box, capfd):
+    folder = write(tmp_path / "box")
+    text = (folder / "mesh.obj").read_text().replace("vt 0.0", "v 0 -9000 0\nv 0 -9000 1\nvt 0.0", 1)
+    (folder / "mesh.obj").write_text(text)
+    for first, name in ((0, "000"), (20, "001")):
+        arrays = shard(first)
+        stray = np.random.default_rng(first).uniform(-9999, 9999, (len(arrays["params"]), 2, 3))
+        arrays["vertices"] = np.concatenate([arrays["vertices"], stray.astype(np.float32)], axis=1)
+        np.savez(folder / "poses" / f"{name}.npz", **arrays)
+    rig = rig_of(folder, tmp_path / "rig")
+    assert capfd.readouterr().err == f"{folder}/mesh.obj: vertices in no face, which stand still: 2\n"
+    posed = rig(shard(20)["params"])
+    np.testing.assert_array_equal(posed[:, 30:], np.repeat(rig.mesh.neutral[None, 30:], 40, axis=0))
+    np.testing.assert_allclose(posed[:, :30], box(shard(20)["params"]), atol=1e-3)
+    np.testing.assert_array_equal(rig.mesh.neutral[:30], box.mesh.neutral)
+    np.testing.assert_array_equal(rig.landmarks, box.landmarks)
+    np.testing.assert_array_equal(rig.control_points, box.control_points)
