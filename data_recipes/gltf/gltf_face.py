@@ -39,6 +39,7 @@ MOST_VERTICES = 5_000_000  # of all parts, as often as nodes show them
 MOST_CORNERS = 100_000_000
 MOST_OFFSETS = 400_000_000  # numbers of all morph targets, 8 bytes each
 MOST_SETS = 8  # of texture coordinates, and of four joints a vertex
+LEAST_SIZE = 1e-24  # of a joint at rest, its volume: it has an inverse
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 
@@ -359,9 +360,10 @@ def _skin(document: Document, tree: _Tree, bones: list[int], entries: list[tuple
             local, above = tree.local[above] @ local, tree.parents[above]
         parents.append(place_of.get(above, -1))
         locals_.append(local)
-    flat = np.flatnonzero(~(np.abs(np.linalg.det(tree.world[bones])) > 0))
-    if len(flat):
-        raise InputError(f"nodes[{bones[flat[0]]}]: expected a joint of some size at rest, got a scale of zero")
+    sizes = np.abs(np.linalg.det(tree.world[bones]))
+    odd = np.flatnonzero(~((sizes > LEAST_SIZE) & (sizes < np.inf)))
+    if len(odd):
+        raise InputError(f"nodes[{bones[odd[0]]}]: expected a joint of some size at rest, got none")
     columns = np.zeros(len(tree.parents), np.int64)
     columns[bones] = np.arange(len(bones))
     values, rows, nodes = (np.concatenate(list(column)) for column in zip(*entries, strict=True))

@@ -206,6 +206,16 @@ def test_files_that_are_no_glb_or_are_cut_are_refused(tmp_path):
     assert refused(file) == "there is no such file"
 
 
+def test_a_glb_whose_json_ends_anywhere_is_read(tmp_path):
+    """Chunks should be filled up to four bytes, and some writers don't: the next one follows at once."""
+    g, file = rich(), tmp_path / "a.glb"
+    for spaces in range(4):
+        text = json.dumps(g.finished()).encode() + b" " * spaces
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(g.data), b"BIN\0") + g.data
+        file.write_bytes(struct.pack("<4s2I", b"glTF", 2, 12 + len(chunks)) + chunks)
+        assert len(read_gltf(file).vertices) == 4
+
+
 def test_a_buffer_behind_a_link_out_of_the_folder_is_refused(tmp_path):
     (tmp_path / "in").mkdir()
     g = rich()
