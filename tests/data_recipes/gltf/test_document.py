@@ -51,7 +51,7 @@ FAULTS = {  # place, value, words of the sentence
     "no asset": (("asset",), None, "expected an object with an asset"),
     "version 1": (("asset", "version"), "1.0", "expected glTF version 2.0, got '1.0'"),
     "another file's extension": (("extensionsRequired",), ["KHR_gaussian_splatting"], "KHR_gaussian_splatting"),
-    "a scene out of range": (("scene",), 7, "the file.scene: expected a whole number from 0 to 0, got 7"),
+    "a scene out of range": (("scene",), 7, "glTF.scene: expected a whole number from 0 to 0, got 7"),
     "a root out of range": (("scenes", 0, "nodes"), [9], "scenes[0].nodes: expected indices of 3 nodes, got [9]"),
     "a root twice": (("scenes", 0, "nodes"), [0, 0], "a node twice"),
     "a root within another": (("scenes", 0, "nodes"), [0, 1, 2], "a node twice"),
