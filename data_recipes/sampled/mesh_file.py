@@ -5,6 +5,7 @@ General readers split or merge vertices at the seams of charts. Here they keep t
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

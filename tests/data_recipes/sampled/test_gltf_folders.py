@@ -84,7 +84,7 @@ def test_numbers_are_the_files_quantised_or_under_a_node_that_a_skin_overrules(t
     np.testing.assert_allclose(read_mesh(g.write(tmp_path / "b.glb")).vertices, neutral(), atol=1e-4)
 
 
-def test_a_part_without_texture_coordinates_beside_others_is_named(tmp_path):
+def test_a_part_without_texture_coordinates_beside_others_gets_charts(tmp_path):
     g = Gltf()
     g.show(sheet(g, range(ROWS - 1)), name="skin")
     g.show(g.primitive(), name="tongue")
