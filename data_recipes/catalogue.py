@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 from jaxtyping import Float32
@@ -25,12 +25,14 @@ from data_recipes.ict.facekit_files import expression_names, model_files
 from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
+from data_recipes.recipe_paths import shape_file
 from data_recipes.rig import AlteredRig, Rig
 from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
     from data_recipes.sampled.importing import SampledRecipe
     from data_recipes.sampled.sampled_rig import SampledRig
+    from data_recipes.shapes.shape_file import ShapeRecipe
 
 
 __all__ = [
@@ -58,8 +60,13 @@ def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe,
     """Return what a character's rig is built from: its recipe, and the files of its clips and its model.
 
     The recipe leaves out the place and layout of its file, so that equal recipes and files give equal rigs. Raises
-    InputError for a bad recipe or clip, or a missing model.
+    InputError for a bad recipe or clip, or a missing model or file.
     """
+    if shape_file(str(name_or_recipe)):
+        from data_recipes.shapes.shape_file import load_shape_recipe, source_files
+
+        shapes = load_shape_recipe(str(name_or_recipe))
+        return replace(shapes, file=""), source_files(shapes)
     recipe = load_recipe(name_or_recipe)
     check_early(recipe)
     model = model_files() if isinstance(recipe, FaceKitRecipe) else ()
@@ -68,6 +75,10 @@ def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe,
 
 def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequence[Path]) -> int:
     """Return how many controls a rig will have, from `character_parts` or `sampled_parts`; nothing is built."""
+    if is_shapes(recipe):
+        from data_recipes.shapes.shape_file import count_controls
+
+        return count_controls(recipe, files)
     if isinstance(recipe, Recipe):
         return len(recipe_controls(recipe))
     if isinstance(recipe, FaceKitRecipe):
@@ -75,6 +86,11 @@ def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequenc
     from data_recipes.sampled.sample_folder import open_folder
 
     return len(open_folder(files[1].parent).controls)
+
+
+def is_shapes(recipe: object) -> TypeGuard[ShapeRecipe]:
+    """Return whether `character_parts` gave a face of shapes."""
+    return type(recipe).__name__ == "ShapeRecipe"  # its module takes a second to import
 
 
 def build_rig(name_or_recipe: str | Path) -> Rig:
@@ -87,6 +103,10 @@ def build_rig(name_or_recipe: str | Path) -> Rig:
 
 def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> Rig:
     """Return the rig of what `character_parts` gives. Raises InputError for a recipe whose head is not a face."""
+    if is_shapes(recipe):
+        from data_recipes.shapes.shape_rig import build_shape_rig
+
+        return build_shape_rig(recipe, files)
     whole = with_clips(recipe, files)
     if isinstance(whole, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import build_facekit_rig

@@ -81,6 +81,11 @@ class FaceRig(FunctionRig):
         return self.face.chain.nodes
 
     @property
+    def hard_limits(self) -> bool:
+        """Whether poses beyond the controls' limits mean nothing."""
+        return self.face.chain.hard_limits
+
+    @property
     def paint(self) -> UInt8[np.ndarray, "n 3"]:
         """A colour for each vertex, for display only."""
         return self.face.paint

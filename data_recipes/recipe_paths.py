@@ -16,7 +16,9 @@ from replicate.base.user_files import is_file, read_toml
 
 RECIPES = Path(__file__).resolve().parent
 FACE_FILE, CONTROL_FILE, POSES = "face.toml", "controls.csv", "poses"  # of a folder of samples
-MESH_ENDINGS = (".obj", ".ply", ".glb")
+SHAPE_ENDINGS = (".glb", ".gltf", ".vrm")  # of files that are a face by themselves
+SHAPE_MESHES = (".obj", ".ply")  # of a folder with a mesh for each shape
+MESH_ENDINGS = (".obj", ".ply", ".glb", ".gltf")  # of the neutral of a folder of samples
 LABEL = r"[\w.-]+"  # names that results can have
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}  # ours → the paper's
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
@@ -34,7 +36,7 @@ def no_character(name: str) -> str:
     for ours, the_papers in STANDS_FOR.items():
         if name.lower() == the_papers.lower() and ours in names:
             return f"{the_papers}'s part is played by the {ours}: CHARACTERS={ours}"
-    others = f": there are {', '.join(names)}, and paths of .toml recipes and of folders of samples"
+    others = f": there are {', '.join(names)}, and paths of .toml recipes, of .glb files and of folders"
     return nothing_named("character", name, names, others)
 
 
@@ -46,7 +48,8 @@ def named(character: str) -> str:
     """
     path = str(with_home(character, "CHARACTERS")) if character.startswith("~") else character
     folder, name = os.path.split(os.path.abspath(path))
-    beside = (Path(folder, other) for other in ((CONTROL_FILE, POSES) if name == FACE_FILE else (FACE_FILE,)))
+    may_stand_alone = name == FACE_FILE or os.path.splitext(name)[1].lower() in SHAPE_ENDINGS
+    beside = (Path(folder, other) for other in ((CONTROL_FILE, POSES) if may_stand_alone else (FACE_FILE,)))
     is_its_file = name in (FACE_FILE, CONTROL_FILE) or os.path.splitext(name)[1].lower() in MESH_ENDINGS
     return folder if is_its_file and is_file(Path(path)) and any(map(_is_there, beside)) else path
 
@@ -54,12 +57,32 @@ def named(character: str) -> str:
 def sample_folder(character: str) -> Path | None:
     """Return the folder of samples that a character is given as, or None for a recipe or the name of one.
 
-    Any path with a slash counts as a folder, whether it exists or not, and so does the name of one with a `face.toml`.
+    Any path with a slash counts as a folder, whether it exists or not, and so does the name of one with a `face.toml`;
+    but a face of shapes (`shape_file`) is no folder of samples.
     """
+    if shape_file(character):
+        return None
     if re.fullmatch(r".*\.toml(@.*)?", character, re.DOTALL) or _is_there(RECIPES / f"{character}.toml"):
         return None
     folder = Path(os.path.abspath(character))
     return folder if "/" in character or _is_there(folder / FACE_FILE) else None
+
+
+def shape_file(character: str) -> Path | None:
+    """Return the glTF that a character is given as, or the folder with a mesh for each shape; None for others."""
+    path = Path(os.path.abspath(character))
+    if path.suffix.lower() in SHAPE_ENDINGS:
+        return path
+    if ("/" not in character and _is_there(RECIPES / f"{character}.toml")) or _is_there(path / CONTROL_FILE):
+        return None
+    try:
+        return path if path.is_dir() and _has_meshes(path) else None
+    except OSError:
+        return None
+
+
+def _has_meshes(folder: Path) -> bool:
+    return any(file.suffix.lower() in SHAPE_MESHES for file in folder.iterdir()) and not (folder / POSES).is_dir()
 
 
 def _is_there(file: Path) -> bool:
@@ -74,7 +97,7 @@ def split_character(character: str) -> tuple[str, tuple[str, ...]]:
 
     A folder of samples has no variants.
     """
-    if sample_folder(character):
+    if sample_folder(character) or shape_file(character):
         return character, ()
     path, variants = re.fullmatch(r"(.*\.toml|[^@]*)((?:@.*)?)", character, re.DOTALL).groups()
     return path, tuple(variants.split("@")[1:])
@@ -85,6 +108,8 @@ def character_label(character: str) -> str:
 
     A folder whose name can't be part of a file's name goes by the name in its face.toml, if that has one.
     """
+    if place := shape_file(character):
+        return re.sub(r"[^\w.-]+", "_", place.stem).strip("_") or "face"
     if folder := sample_folder(character):
         file = folder / FACE_FILE
         if re.fullmatch(LABEL, folder.name) or not is_file(file):
@@ -96,8 +121,8 @@ def character_label(character: str) -> str:
 
 def absolute(character: str) -> str:
     """Return a character's name or path so that it holds in any working folder: paths become absolute."""
-    if folder := sample_folder(character):
-        return str(folder)
+    if place := sample_folder(character) or shape_file(character):
+        return str(place)
     name, variants = split_character(character)
     return "@".join([os.path.abspath(name) if name.endswith(".toml") else name, *variants])
 
@@ -117,8 +142,11 @@ def in_command(character: str) -> str:
 def recipe_file(character: str) -> Path:
     """Return the file of a character's recipe, given its name or the path of a `.toml` file.
 
-    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it.
+    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, for a face of shapes
+    the glTF or the folder itself.
     """
+    if place := shape_file(character):
+        return place
     if folder := sample_folder(character):
         return folder / FACE_FILE
     name, _ = split_character(character)

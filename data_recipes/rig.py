@@ -20,7 +20,18 @@ from data_recipes.controls import Control
 from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
-__all__ = ["BATCH", "AlteredRig", "Clip", "KnownPoses", "Prop", "Rig", "check_rig", "frames_per_second", "has_function"]
+__all__ = [
+    "BATCH",
+    "AlteredRig",
+    "Clip",
+    "KnownPoses",
+    "Prop",
+    "Rig",
+    "check_rig",
+    "frames_per_second",
+    "has_function",
+    "within_limits",
+]
 
 # Poses that rigs evaluate at once. Callers with many poses pass this many, so that no batch has to be padded. The
 # working memory of 24 film faces stays below 32 MiB; more would go back to the system after each call.
@@ -166,6 +177,11 @@ class AlteredRig:
 def has_function(rig: Rig) -> bool:
     """Return whether a rig gives vertices at any pose; one known by its samples gives them only there."""
     return getattr(rig, "known_poses", None) is None
+
+
+def within_limits(rig: Rig, poses: Float32[np.ndarray, "b m"]) -> Float32[np.ndarray, "b m"]:
+    """Return poses as a rig can take them: clipped to the controls' limits where these are hard, else as they are."""
+    return np.clip(poses, rig.lower, rig.upper) if getattr(rig, "hard_limits", False) else poses
 
 
 def frames_per_second(rig: Rig) -> float:

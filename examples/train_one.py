@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the project's
 from data_recipes.catalogue import build_rig
 from replicate.approximation import cnn, influence, metrics, rigid
 from replicate.approximation.conditioning import parameter_scale
-from replicate.approximation.samples import SampleSet, write_samples
-from replicate.approximation.segments import coarse_segments
+from replicate.approximation.samples import PosedSamples, SampleSet, write_samples
+from replicate.approximation.segments import coarse_segments, whole_mesh
 from replicate.approximation.training import train_segments
 from replicate.base.exceptions import InputError
 from replicate.base.progress import progress
@@ -62,8 +62,7 @@ write_samples(rig, config.samples, folder, rng, folder / "scratch", progress)
 samples = SampleSet.open(folder)
 
 # §3.4: segments that move rigidly (Eq. 3), such as teeth, will follow the vertices that move most as they do (Eq. 4).
-poses = samples.draw(rng("rigid"), config.rigid.poses)
-attachments = rigid.find_attachments(mesh, mesh.neutral + samples.offsets(poses))  # τ = 0.3 mm, c = 10
+attachments = rigid.find_attachments(mesh, PosedSamples(mesh.neutral, samples))  # τ = 0.3 mm, c = 10
 
 # §3.1: every other segment gets a network that sees the controls which can move one of its vertices.
 say(f"{len(attachments.segment)} of {len(mesh.segment_names)} segments are rigid; trying what each control moves")
@@ -80,11 +79,11 @@ scale, run = parameter_scale(samples.params), (folder, progress, "coarse", confi
 model, log = train_segments(mesh, segments, networks, samples, config.coarse, *run, scale)
 
 # Not in the paper, to know what the numbers are worth: a straight line (ridge regression), and no movement at all.
-weights, _ = best_weights(samples, segments, scale, LinearConfig().strengths)
-lines = line_model(segments, weights, scale, len(mesh.neutral))
+whole = [whole_mesh(mesh, len(scale))]
+line = line_model(whole, best_weights(samples, whole, scale, LinearConfig().strengths)[0], scale, len(mesh.neutral))
 predictors = {
     "CNN": lambda params, _: rigid.attach(mesh, attachments, mesh.neutral + model.offsets(params)),
-    "linear": lambda params, _: rigid.attach(mesh, attachments, mesh.neutral + lines.offsets(params)),
+    "linear": lambda params, _: mesh.neutral + line.offsets(params),
     "neutral": lambda params, _: np.broadcast_to(mesh.neutral, (len(params), *mesh.neutral.shape)),
 }
 

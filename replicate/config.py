@@ -20,6 +20,7 @@ from data_recipes.recipe_paths import (
     no_character,
     recipe_file,
     sample_folder,
+    shape_file,
     split_character,
 )
 from replicate.base.exceptions import InputError
@@ -144,7 +145,6 @@ class RigidConfig(Checked):
 
     tau_mm: float = number(0.3, 0.0, 1000.0)  # on the mean of Eq. 3
     attachments: int = number(10, 3, 10_000)  # c of Eq. 4
-    poses: int = number(200, 2, 1_000_000)  # training poses that Eq. 3 and 4 are evaluated on
 
 
 @dataclass(frozen=True)
@@ -241,16 +241,18 @@ class Config(Checked):
         super().__post_init__()
         object.__setattr__(self, "character", named(self.character))
         recipe, folder = recipe_file(self.character), sample_folder(self.character)
-        name, stem = split_character(self.character)[0], character_label(self.character) if folder else recipe.stem
-        if not is_file(recipe) and not folder and not name.endswith(".toml"):
+        shapes = shape_file(self.character)
+        name = split_character(self.character)[0]
+        stem = character_label(self.character) if folder or shapes else recipe.stem
+        if not is_file(recipe) and not folder and not shapes and not name.endswith(".toml"):
             raise InputError(no_character(name))
         if not re.fullmatch(LABEL, stem) or len(os.fsencode(stem)) > LONGEST:
             raise InputError(
                 f"{'folder' if folder else 'recipe'} {shown_path(folder or recipe)}: folders can't be "
                 f"called {shown(stem)}: expected at most {LONGEST} letters, digits, _, . and -"
             )
-        if not is_file(recipe):
-            kind = "file, which a folder of samples has" if folder else "recipe file"
+        if not is_file(recipe) and not (shapes and shapes.is_dir()):
+            kind = "file, which a folder of samples has" if folder else "file" if shapes else "recipe file"
             raise InputError(f"{shown_path(recipe)}: there is no such {kind}")
 
 
@@ -319,7 +321,6 @@ PROFILES: dict[str, dict] = {
         "coarse": _one_cycle(800),
         "refinement": {"poses": 200, **_one_cycle(500)},
         "dense": _one_cycle(600),
-        "rigid": {"poses": 100},
         "lbs": {"samples": 200, "relaxed": 10, "iterations": 15, "refit_sweeps": 40},
         "driven": _one_cycle(400),
         "evaluation": {"test_poses": 200, "floor_poses": 50},

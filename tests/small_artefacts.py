@@ -43,7 +43,7 @@ def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[s
     }
     for name, array in arrays.items():
         np.save(inputs["samples"] / f"{name}.npy", array)
-    (inputs["samples"] / "samples.json").write_text(json.dumps({"poses": len(steps)}))
+    (inputs["samples"] / "samples.json").write_text(json.dumps({"poses": len(steps), "default": [0.0] * M}))
     return inputs
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
@@ -52,6 +54,49 @@ NAMES: tuple[tuple[str, int, dict[str, float]], ...] = (
     ("look_x_right", -1, {"eyeLookOut_right": 1.0}),
 )
 SIDES = {"left": "L", "right": "R"}
+# Other programs' names for about the same: VRoid's and VRM's shapes. Several of ours may stand for one of theirs.
+OTHERS = {
+    "Fcl_EYE_Close_L": "eyeBlink_L",
+    "Fcl_EYE_Close_R": "eyeBlink_R",
+    "Fcl_EYE_Spread": "eyeWide",
+    "Fcl_BRW_Surprised": "browOuterUp",
+    "Fcl_BRW_Sorrow": "browInnerUp",
+    "Fcl_BRW_Angry": "browDown",
+    "Fcl_MTH_A": "jawOpen",
+    "Fcl_MTH_U": "mouthPucker",
+    "Fcl_MTH_O": "mouthFunnel",
+    "Fcl_MTH_I": "mouthStretch",
+    "Fcl_MTH_Joy": "mouthSmile",
+    "Fcl_MTH_Sorrow": "mouthFrown",
+    "blink_l": "eyeBlink_L",
+    "blink_r": "eyeBlink_R",
+}
+
+
+def canonical(name: str) -> str:
+    """Return ICT-FaceKit's name for a control as ARKit, VRM or Ready Player Me call it; any other name as it is.
+
+    "eyeBlinkLeft", "EyeBlink_L" and "head.eye_blink_left" are eyeBlink_L. What ARKit has once for both sides keeps a
+    name without a side.
+    """
+    return _known().get(_plain(name), name)
+
+
+@cache
+def _known() -> dict[str, str]:
+    known = {}
+    for theirs in {theirs for _, _, theirs, _ in name_pairs()} | {"tongueOut"}:
+        stem, letter = (theirs[:-2], theirs[-1]) if theirs[-2:] in ("_L", "_R") else (theirs, "")
+        known[_plain(theirs)] = theirs
+        if letter:
+            known[_plain(stem + {"L": "Left", "R": "Right"}[letter])] = theirs
+            known.setdefault(_plain(stem), stem)
+    return known | {_plain(name): theirs for name, theirs in OTHERS.items()}
+
+
+def _plain(name: str) -> str:
+    plain = re.sub(r"[^a-z0-9]", "", re.split(r"[.|:/]", name)[-1].lower())
+    return re.sub("^.*(?=fcl)", "", plain)  # VRoid's names begin with those of their files
 
 
 def name_pairs() -> list[tuple[str, int, str, float]]:
@@ -72,12 +117,14 @@ def in_their_words(
 ) -> Float[np.ndarray, "t k"]:
     """Return poses of our controls as poses of theirs, from 0 to 1; controls without a counterpart are left out.
 
-    ours, theirs: the names of the m and of the k controls, in order.
+    ours, theirs: the names of the m and of the k controls, in order; theirs as any program writes them.
     """
     our_columns = {name: column for column, name in enumerate(ours)}
-    their_columns = {name: column for column, name in enumerate(theirs)}
+    their_columns = {canonical(name): column for column, name in reversed(list(enumerate(theirs)))}
     values = np.zeros((len(poses), len(theirs)))
     for our_name, sign, their_name, share in name_pairs():
+        if their_name not in their_columns and their_name[-2:] in ("_L", "_R"):  # one control for both sides
+            their_name, share = their_name[:-2], share / 2
         if our_name in our_columns and their_name in their_columns:
             values[:, their_columns[their_name]] += share * np.maximum(sign * poses[:, our_columns[our_name]], 0)
     return np.clip(values, 0, 1)

@@ -118,11 +118,13 @@ class Chain:
 
     pose_props: props at rest, constants, columns of the controls by name, p (1, m), posed vertices (n, 3), neutral
     (n, 3) → for each prop its name, vertices (k, 3), faces and colours (k, 3)
+    hard_limits: whether poses beyond the controls' limits mean nothing; our faces bend towards theirs
     """
 
     name: str
     nodes: tuple[Node, ...]
     pose_props: Callable[..., list]
+    hard_limits: bool = False
 
 
 def start(constants: FaceConstants, params: Float[Values, "b m"]) -> State:

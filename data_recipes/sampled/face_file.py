@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from data_recipes.recipe_paths import CONTROL_FILE, FACE_FILE, MESH_ENDINGS
 from data_recipes.sampled.shards import DAMAGE
 from replicate.base.exceptions import InputError
-from replicate.base.schema import LONGEST, Checked, either, naming, number, numbers, read_table, shown
+from replicate.base.schema import LONGEST, Checked, either, names, naming, number, numbers, read_table, shown
 from replicate.base.user_files import read_text, read_toml, shown_path
 
 MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
@@ -70,6 +70,7 @@ class FaceFile(Checked):
     unit, up: of the mesh and of the poses.
     mesh: a file of the folder.
     segments: what makes a segment of the mesh.
+    rigid: names of segments that move rigidly; () has the poses show which do.
     eyes: the middle between the eyeballs, in the file's unit and axes; () has it guessed from the face's size.
     """
 
@@ -82,6 +83,7 @@ class FaceFile(Checked):
     source: str = ""
     licence: str = ""
     eyes: tuple[float, ...] = numbers((), 3, -FAR, FAR, optional=True)
+    rigid: tuple[str, ...] = names(what="segments")
     points: Points = Points()
 
     def __post_init__(self) -> None:
@@ -106,9 +108,12 @@ class FaceFile(Checked):
 
     def to_ours(self, points: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3"]:
         """Return points of the files in mm and in our axes (y up, z forwards), without moving them."""
-        if self.up == "z":  # the face looks along -y
-            points = np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
-        return points * self.mm
+        return in_our_axes(points, self.up) * self.mm
+
+
+def in_our_axes(points: Float[np.ndarray, "*b 3"], up: str) -> Float[np.ndarray, "*b 3"]:
+    """Return points with y up and z forwards; where z is up, a face looks along -y."""
+    return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1) if up == "z" else points
 
 
 def read_face(folder: Path) -> FaceFile:

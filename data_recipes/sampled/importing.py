@@ -11,12 +11,15 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 
 from data_recipes.rig import INT16_MAX, Clip, KnownPoses, create
-from data_recipes.sampled.face_file import INFLUENCE_FILE, FaceFile
+from data_recipes.sampled.face_file import FACE_FILE, INFLUENCE_FILE, FaceFile
+from data_recipes.sampled.mesh_file import buffers_of
 from data_recipes.sampled.sample_folder import NEUTRAL, SampleFolder, check_size, check_vertices, read_folder, size_mm
 from data_recipes.sampled.sampled_rig import SampledRig
-from data_recipes.sampled.segment_charts import make_mesh
+from data_recipes.sampled.segment_charts import clean_name, make_mesh
 from replicate.base.exceptions import InputError
+from replicate.base.spelling import nothing_named
 from replicate.base.user_files import shown_path
+from replicate.geometry.mesh import Mesh
 
 EYES_MM = (0.0, 0.0, 62.0)  # the middle between the eyes on our own heads, where the cameras look
 # For a face that doesn't say where its eyes are: the teen's width, the height of its top and the depth of its front.
@@ -40,8 +43,10 @@ def import_rig(
     poses with the same parameters and different vertices.
     """
     mesh_file, _, *others = files
-    shards = [file for file in others if file.name != INFLUENCE_FILE]
-    found = read_folder(mesh_file.parent, recipe.face, shards, influence=len(shards) < len(others))
+    influence = any(file.name == INFLUENCE_FILE for file in others)
+    apart = {mesh_file.parent / INFLUENCE_FILE, *buffers_of(mesh_file)}
+    shards = [file for file in others if file not in apart]
+    found = read_folder(mesh_file.parent, recipe.face, shards, influence)
     check_size(found)
     shift = placement(found.surface(found.vertices_mm), recipe.face)
     mesh = make_mesh(found.neutral, recipe.face.segments, found.vertices_mm + shift, shown_path(mesh_file))
@@ -55,6 +60,7 @@ def import_rig(
     )
     landmarks, points, regions = _points(found, mesh.neutral, known)
     face = recipe.face
+    rigid = segments_named(face.rigid, mesh, shown_path(found.folder / FACE_FILE))
     return SampledRig(
         face.name,
         mesh,
@@ -68,16 +74,26 @@ def import_rig(
         face.source,
         face.licence,
         moves=found.moves,
+        rigid_segments=rigid,
     )
 
 
-def placement(vertices_mm: Float[np.ndarray, "n 3"], face: FaceFile) -> Float64[np.ndarray, " 3"]:
+def placement(vertices_mm: Float[np.ndarray, "n 3"], face: FaceFile | None = None) -> Float64[np.ndarray, " 3"]:
     """Return the shift that brings a face's eyes to where the cameras expect them."""
-    if face.eyes:
+    if face and face.eyes:
         return np.array(EYES_MM) - face.to_ours(np.array(face.eyes))
     low, high = vertices_mm.min(axis=0), vertices_mm.max(axis=0)
     scale = (high[0] - low[0]) / WIDTH_MM
     return np.array([-(low[0] + high[0]) / 2, TOP_MM * scale - high[1], FRONT_MM * scale - high[2]])
+
+
+def segments_named(names: Sequence[str], mesh: Mesh, where: str) -> tuple[str, ...]:
+    """Return the mesh's segments that a `face.toml` names as rigid, `where`. Raises InputError for any other name."""
+    others = f": there are {', '.join(mesh.segment_names[:20])}"
+    for name in names:
+        if clean_name(name) not in mesh.segment_names:
+            raise InputError(f"{where}: rigid: {nothing_named('segment', name, mesh.segment_names, others)}")
+    return tuple(map(clean_name, names))
 
 
 def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) -> KnownPoses:

@@ -1,4 +1,4 @@
-"""The neutral pose of a folder of samples as its file has it: an OBJ or PLY, read row by row, or a GLB.
+"""The neutral pose of a folder of samples as its file has it: an OBJ or PLY, read row by row, a GLB or a glTF.
 
 General readers split or merge vertices at the seams of charts. Here they keep the order that the poses have too.
 """
@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from data_recipes.gltf.document import buffer_files
+from data_recipes.gltf.gltf_face import GltfFace, read_gltf
 from data_recipes.sampled.ply_file import read_ply
 from data_recipes.sampled.polygons import triangulate
 from replicate.base.exceptions import InputError
@@ -80,6 +82,11 @@ def _check_numbers(rows: Float[np.ndarray, "k d"], what: str, where: str) -> Non
     if len(bad):
         value = shown(rows[bad[0]].tolist())
         raise InputError(f"{where}: {what} {bad[0]} (from 0): expected numbers up to {FAR:g}, got {value}")
+
+
+def buffers_of(file: Path) -> tuple[Path, ...]:
+    """Return the files that a mesh file's content is in besides itself: buffers of a glTF."""
+    return buffer_files(file) if file.suffix.lower() == ".gltf" else ()
 
 
 def _read_obj(file: Path) -> NeutralFile:
@@ -259,43 +266,14 @@ def _uv_of_corners(polygons: list[list[int]], texcoord: Sequence[tuple]) -> tupl
     return [place[1:] for place in places], found
 
 
-def _read_glb(file: Path) -> NeutralFile:
-    """Read the triangles of all meshes of a GLB's scene, placed as its nodes say."""
-    import trimesh  # an OBJ does without it
-
-    where, data = shown_path(file), read_bytes(file, MOST_BYTES)
-    try:
-        scene = trimesh.load(io.BytesIO(data), file_type="glb", force="scene", process=False)
-        parts = [(*scene.graph[node], node) for node in scene.graph.nodes_geometry]
-    except Exception as error:  # whatever its reader stumbles over
-        raise InputError(f"{where}: not a readable GLB ({cut(' '.join(str(error).split()))})") from None
-    vertices, faces, uv, groups, materials = [], [], [], [], []
-    first = 0
-    for transform, name, _ in parts:
-        mesh = scene.geometry[name]
-        if not isinstance(mesh, trimesh.Trimesh):
-            raise InputError(f"{where}: {shown(name)} has no triangles: every mesh must consist of triangles")
-        vertices.append(np.asarray(mesh.vertices, float) @ transform[:3, :3].T + transform[:3, 3])
-        faces.append(np.asarray(mesh.faces, np.int64) + first)
-        uv.append(getattr(mesh.visual, "uv", None))
-        material = getattr(getattr(mesh.visual, "material", None), "name", None)
-        groups += [str(name)] * len(mesh.faces)
-        materials += [str(material or NO_LABEL)] * len(mesh.faces)
-        first += len(mesh.vertices)
-    without = sum(of_mesh is None or len(of_mesh) == 0 for of_mesh in uv)
-    if 0 < without < len(uv):
-        raise InputError(
-            f"{where}: {without} of {len(uv)} meshes have no texture coordinates: give them to all meshes or to none"
-        )
-    all_faces = np.concatenate([np.empty((0, 3), np.int64), *faces])
-    return NeutralFile(
-        np.concatenate([np.empty((0, 3)), *vertices]),
-        all_faces,
-        np.concatenate([np.asarray(of_mesh, float) for of_mesh in uv]) if uv and not without else None,
-        all_faces if uv and not without else None,
-        tuple(groups),
-        tuple(materials),
-    )
+def neutral_of(face: GltfFace) -> NeutralFile:
+    """Return a glTF's triangles, in file order; its nodes are the groups."""
+    uv_faces = None if face.uv is None else np.where(face.has_uv[face.faces], face.faces, -1)
+    return NeutralFile(face.vertices, face.faces, face.uv, uv_faces, face.nodes, face.materials)
 
 
-READERS = {".obj": _read_obj, ".ply": _read_ply, ".glb": _read_glb}
+def _read_gltf(file: Path) -> NeutralFile:
+    return neutral_of(read_gltf(file))
+
+
+READERS = {".obj": _read_obj, ".ply": _read_ply, ".glb": _read_gltf, ".gltf": _read_gltf}

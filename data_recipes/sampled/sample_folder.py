@@ -24,7 +24,7 @@ from data_recipes.sampled.face_file import (
     read_face,
     read_influence,
 )
-from data_recipes.sampled.mesh_file import NeutralFile, read_mesh
+from data_recipes.sampled.mesh_file import NeutralFile, buffers_of, read_mesh
 from data_recipes.sampled.segment_charts import check_segments
 from data_recipes.sampled.shards import FOLDER, Shard, read_shards, shard_files
 from replicate.base.exceptions import InputError
@@ -212,12 +212,13 @@ class SampleFolder:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files of mesh, controls and shards, and `influence.npy` if it is used."""
+        """The files of mesh, controls and shards, `influence.npy` if it is used, and buffers that a glTF names."""
         return (
             self.folder / self.face.mesh,
             self.folder / CONTROL_FILE,
             *(file for shard in self.shards for file in shard.paths),
             *(influence_file(self.folder) if self.moves is not None else ()),
+            *buffers_of(self.folder / self.face.mesh),
         )
 
     @property

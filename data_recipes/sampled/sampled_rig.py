@@ -34,6 +34,7 @@ class SampledRig(ControlledRig):
     frames_per_second: of its clips.
     source, licence: texts of its author.
     moves: (n, m), which control moves which vertex, if its author says so.
+    rigid_segments: names of those that move rigidly, if its author says so.
     """
 
     name: str
@@ -50,6 +51,7 @@ class SampledRig(ControlledRig):
     landmark_names: tuple[str, ...] = ()
     control_point_names: tuple[str, ...] = ()
     moves: np.ndarray | None = None
+    rigid_segments: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for field in ("landmarks", "control_points"):
@@ -91,8 +93,8 @@ class SampledRig(ControlledRig):
 # Sampled rigs on disk: arrays and one JSON description, no pickle; their poses stay memory-mapped.
 
 DESCRIPTION, MESH, POINTS, MOVES = "sampled_rig.json", "mesh.npz", "points.npz", "moves.npy"
-FORMAT = 2
-TEXTS = ("frames_per_second", "source", "licence", "control_point_regions")
+FORMAT = 3
+TEXTS = ("frames_per_second", "source", "licence", "control_point_regions", "rigid_segments")
 
 
 def is_sampled(folder: Path) -> bool:
@@ -143,6 +145,7 @@ def load_rig(folder: Path) -> SampledRig:
             source=about["source"],
             licence=about["licence"],
             moves=np.load(folder / MOVES, allow_pickle=False) if about["has_moves"] else None,
+            rigid_segments=tuple(about["rigid_segments"]),
         )
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):

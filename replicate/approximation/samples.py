@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, Int16
 
-from data_recipes.rig import BATCH, Clip, KnownPoses, Rig, has_function
+from data_recipes.rig import BATCH, Clip, KnownPoses, Rig, has_function, within_limits
 from replicate.approximation.sampling import (
     augment,
     balance_bins,
@@ -80,6 +80,11 @@ class SampleSet:
     def __len__(self) -> int:
         return len(self.params)
 
+    @property
+    def default(self) -> Float32[np.ndarray, " m"]:
+        """The controls' defaults, at which nothing moves."""
+        return np.array(self.facts["default"], np.float32)
+
     def offsets(self, indices: Int[np.ndarray, " b"]) -> Float32[np.ndarray, "b n 3"]:
         """Return the offsets V − V⁰ of some samples, in mm."""
         return self.quantised[indices] * self.steps_mm[indices][:, None, None]
@@ -111,6 +116,20 @@ class SampleSet:
         return bin_index(self.bins)
 
 
+@dataclass(frozen=True)
+class PosedSamples:
+    """The training samples' vertices (N, n, 3) in mm, read some at a time: `posed[:100]`. neutral: (n, 3), mm."""
+
+    neutral: np.ndarray
+    samples: SampleSet
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, rows: slice) -> Float32[np.ndarray, "k n 3"]:
+        return self.neutral + self.samples.offsets(np.arange(*rows.indices(len(self))))
+
+
 def quantise(offsets: Float32[np.ndarray, "b n 3"]) -> tuple[Int16[np.ndarray, "b n 3"], Float32[np.ndarray, " b"]]:
     """Return offsets as whole steps, and each pose's step in mm: its largest offset over 32767."""
     steps = np.abs(offsets).max(axis=(1, 2)).astype(np.float32) / np.float32(INT16_MAX)
@@ -138,7 +157,7 @@ def choose_poses(
     split = {"frames": split_frames, "clips": split_clips}[config.split]
     animation, test = split([clip.values for clip in rig.clips], rng("split"), config.held_out)
     animation, validation = hold_out(animation, config.validation, rng("validation"))
-    training = augment(animation, config.count, rng("augment"), config.low, config.high)
+    training = within_limits(rig, augment(animation, config.count, rng("augment"), config.low, config.high))
     return dict(zip(PARTS, (training, validation, test), strict=True))
 
 
@@ -198,6 +217,7 @@ def write_samples(
     # balance and quantisation error, and the files
     facts = {
         "poses": len(params),
+        "default": rig.default.tolist(),
         "validation_poses": len(poses_of["validation"]),
         "test_poses": len(poses_of["test"]),
         "largest_step_mm": float(arrays["steps"].max()),

@@ -34,6 +34,12 @@ def make_segment(name: str, vertices: np.ndarray, uv: np.ndarray, influence: Boo
     return Segment(name, vertices.astype(np.int32), np.ascontiguousarray(uv, np.float32), parameters.astype(np.int32))
 
 
+def whole_mesh(mesh: Mesh, parameters: int) -> Segment:
+    """Return all vertices as one segment that sees every rig parameter, for methods that divide nothing."""
+    every = np.ones((len(mesh.neutral), parameters), bool)
+    return make_segment("mesh", np.arange(len(mesh.neutral)), mesh.uv, every)
+
+
 def coarse_segments(
     mesh: Mesh, rigid_segments: Collection[int], influence: Bool[np.ndarray, "n m"]
 ) -> tuple[Segment, ...]:

@@ -51,7 +51,7 @@ class WithLine(nn.Module):
 def line_model(
     segments: Sequence[Segment], weights: Sequence[Float[np.ndarray, "_ _"]], scale: np.ndarray, vertex_count: int
 ) -> SegmentedModel:
-    """Return the model of the straight lines that `methods.linear` fits.
+    """Return the model of straight lines, one for each segment.
 
     weights: a segment's are (j + 1, 3k), the constant in the last row. scale: (m,), what parameters are divided by.
     """

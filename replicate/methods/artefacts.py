@@ -12,9 +12,10 @@ from jaxtyping import Bool, Float
 
 from data_recipes.recipe_paths import sample_folder
 from data_recipes.rig import Rig
-from replicate.config import RigidConfig, resolve
+from replicate.base.files import write_text
+from replicate.config import resolve
 from replicate.engine.provenance import as_lines, core_count, package_versions, provenance
-from replicate.engine.stage import Stage, StageContext, stream_rng
+from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods.plan import Plan
 
@@ -60,6 +61,7 @@ def make_sampled_rig(context: StageContext) -> None:
 
     rig = import_sampled(context.config.recipe, context.files, context.out / "rig", context.progress)
     rig.mesh.save(context.out / "mesh.npz")
+    write_text(context.out / RIGID_NAMES, json.dumps(rig.rigid_segments) + "\n")
     sizes = {"vertices": len(rig.mesh.neutral), "faces": len(rig.mesh.faces), "parameters": len(rig.controls)}
     context.note(**sizes, poses=len(rig.known_poses), source=rig.source, licence=rig.licence)
 
@@ -179,6 +181,7 @@ def load_influence(inputs: Mapping[str, Path]) -> Bool[np.ndarray, "n m"]:
 # The artefact "rigid": the segments that move rigidly, and the vertices that carry them (§3.4).
 
 ATTACHMENTS = "attachments.npz"
+RIGID_NAMES = "rigid.json"  # beside a rig whose author names them
 
 
 def rigid_stage(plan: Plan) -> Stage:
@@ -188,24 +191,40 @@ def rigid_stage(plan: Plan) -> Stage:
 
 
 def find_rigid(context: StageContext) -> None:
-    """Find rigid segments, and the vertices that carry them, from training poses (Eq. 3 and 4)."""
-    from replicate.approximation.rigid import find_attachments
+    """Find rigid segments, and the vertices that carry them, from all training poses (Eq. 3 and 4).
+
+    Those that would be misplaced, in training or validation poses, are left to the networks; standard error says which.
+    """
+    from replicate.approximation.rigid import find_attachments, placement_errors, without
+    from replicate.approximation.samples import PosedSamples
 
     mesh, samples = load_mesh(context.inputs), load_samples(context.inputs)
-    section = context.config.section
-    poses = samples.draw(context.rng("poses"), min(section.poses, len(samples)))
-    attachments = find_attachments(mesh, mesh.neutral + samples.offsets(poses), section.tau_mm, section.attachments)
-    attachments.save(context.out / ATTACHMENTS)
-    context.note(rigid_segments=[mesh.segment_names[k] for k in attachments.segment])
+    section, names = context.config.section, context.inputs["rig"] / RIGID_NAMES
+    named = json.loads(names.read_text(encoding="utf-8")) if names.is_file() else ()
+    training, validation = PosedSamples(mesh.neutral, samples), mesh.neutral + samples.validation_offsets
+    known = [mesh.segment_names.index(name) for name in named]
+    found = find_attachments(mesh, training, section.tau_mm, section.attachments, known)
+    errors = np.max([placement_errors(mesh, found, poses) for poses in (training, validation)], axis=0)
+    misplaced = {int(k): float(error) for k, error in zip(found.segment, errors, strict=True) if error > section.tau_mm}
+    for k, error in misplaced.items():
+        print(
+            f"rigid segments: '{mesh.segment_names[k]}' moves rigidly, but no vertices move with it: the closest would "
+            f"misplace it by {error:.2g} mm, more than {section.tau_mm:g} mm, so networks deform it",
+            file=sys.stderr,
+        )
+    without(found, misplaced).save(context.out / ATTACHMENTS)
+    kept = [mesh.segment_names[k] for k in found.segment if k not in misplaced]
+    by_name = {mesh.segment_names[k]: round(error, 4) for k, error in misplaced.items()}
+    context.note(rigid_segments=kept, misplaced_mm=by_name)
 
 
-def mean_rigid_errors(inputs: Mapping[str, Path], section: RigidConfig, seed: int) -> Float[np.ndarray, " s"]:
-    """Return each segment's mean residual of Eq. 3 in mm, over the poses that `find_rigid` looks at."""
-    from replicate.approximation.rigid import segment_errors
+def mean_rigid_errors(inputs: Mapping[str, Path]) -> Float[np.ndarray, " s"]:
+    """Return each segment's mean residual of Eq. 3 in mm, over all training poses."""
+    from replicate.approximation.rigid import mean_segment_errors
+    from replicate.approximation.samples import PosedSamples
 
-    mesh, samples = load_mesh(inputs), load_samples(inputs)
-    poses = samples.draw(stream_rng(seed, "rigid", "poses"), min(section.poses, len(samples)))
-    return segment_errors(mesh, mesh.neutral + samples.offsets(poses)).mean(0)
+    mesh = load_mesh(inputs)
+    return mean_segment_errors(mesh, PosedSamples(mesh.neutral, load_samples(inputs)))
 
 
 def load_attachments(inputs: Mapping[str, Path]) -> "replicate.approximation.rigid.Attachments":
@@ -222,6 +241,13 @@ def load_coarse_segments(
     from replicate.approximation.segments import coarse_segments
 
     return coarse_segments(mesh, load_attachments(inputs).segment.tolist(), load_influence(inputs))
+
+
+def whole_mesh(inputs: Mapping[str, Path]) -> "tuple[replicate.approximation.segments.Segment, ...]":
+    """Return all vertices as one segment that sees all rig parameters."""
+    from replicate.approximation.segments import whole_mesh
+
+    return (whole_mesh(load_mesh(inputs), load_samples(inputs).params.shape[1]),)
 
 
 # The artefact "selection": the squares of the charts that a refinement is for (§3.3).

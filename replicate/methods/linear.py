@@ -1,7 +1,9 @@
-"""A straight line: ridge regression from rig parameters to vertices, segment by segment. How far from linear is a rig?
+"""A straight line: ridge regression from all rig parameters to all vertices. How far from linear is a rig?
 
-For each segment Δ ≈ (p / scale, 1) W with W = argmin ‖(p / scale, 1) W − Δ‖² / N + λ ‖W‖² over all N training samples;
-the constant is not penalised. Of a few λ the one that is best on the validation poses is taken.
+Δ ≈ (p / scale, 1) W with W = argmin ‖(p / scale, 1) W − Δ‖² / N + λ ‖W‖² over all N training samples; the constant is
+not penalised. Of a few λ the one that is best on the validation poses is taken. Nothing is attached (§3.4): teeth that
+move along lines are on them, and on a rig of summed shapes the error is rounding. Networks with a line beside them have
+one for each segment.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     import replicate.approximation.samples
     import replicate.approximation.segments
 
+LINES = "lines"
 SEGMENTS, WEIGHTS = "segments.npz", "weights.npz"
 CHUNK = 512  # samples at a time
 
@@ -42,29 +45,44 @@ def default_section(profile: str) -> LinearConfig:
 
 
 def stage(plan: Plan) -> Stage:
-    """Return the stage that fits the weights."""
-    return plan.stage("linear", fit, plan.settings(METHOD.section(plan.config)), *inputs_of_networks(plan))
+    """Return the stage that fits the line."""
+    inputs = (artefacts.rig_stage(plan), artefacts.samples_stage(plan))
+    return plan.stage("linear", fit, plan.settings(METHOD.section(plan.config)), *inputs)
+
+
+def lines_stage(plan: Plan) -> Stage:
+    """Return the stage that fits a line for each segment of the coarse networks."""
+    return plan.stage(LINES, fit_lines, plan.settings(METHOD.section(plan.config)), *inputs_of_networks(plan))
 
 
 def fit(context: StageContext) -> None:
-    """Fit the weights of every segment to all training samples, for each λ, and keep the best."""
-    fit_features(context, _columns)
+    """Fit the weights of the whole mesh to all training samples, for each λ, and keep the best."""
+    fit_features(context, artefacts.whole_mesh(context.inputs), _columns)
+
+
+def fit_lines(context: StageContext) -> None:
+    """Fit the weights of every segment likewise, each to the parameters that move it."""
+    fit_features(context, artefacts.load_coarse_segments(context.inputs, artefacts.load_mesh(context.inputs)), _columns)
 
 
 def _columns(params: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return with_constant(params)[:, np.append(seen, params.shape[1])]
 
 
-def fit_features(context: StageContext, features: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
+def fit_features(
+    context: StageContext,
+    segments: "Sequence[replicate.approximation.segments.Segment]",
+    features: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> None:
     """Fit features of the parameters for each λ, and keep the λ that is best on the validation poses of all segments.
 
+    segments: what is fitted.
     features: (scaled parameters (b, m), indices (j,) of those that move a segment) → (b, k), the constant last.
     """
     from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.segments import save_segments
 
-    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
-    segments = artefacts.load_coarse_segments(context.inputs, mesh)
+    samples = artefacts.load_samples(context.inputs)
     scale, strengths = parameter_scale(samples.params), context.config.section.strengths
     with context.progress(len(segments), context.name) as bar:
         fitted, strength = best_weights(samples, segments, scale, strengths, features, bar)
@@ -136,10 +154,17 @@ def ridge(
 
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the straight lines as a model with a linear layer for each segment."""
+    """Return the straight line as a model with one linear layer."""
     from replicate.baselines.line import line_model
 
     return load_fits(inputs, "linear", line_model)
+
+
+def load_lines(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the segments' lines as a model with a linear layer for each."""
+    from replicate.baselines.line import line_model
+
+    return load_fits(inputs, LINES, line_model)
 
 
 def load_fits(
@@ -164,7 +189,8 @@ METHOD = Method(
     lambda plan: (stage(plan),),
     model=load_model,
     place=50,
-    note="Ridge regression from rig parameters to vertices, segment by segment: a straight line.",
+    rigid_step=False,
+    note="Ridge regression from rig parameters to vertices: a straight line.",
     colour="#56B4E9",
     default_section=default_section,
 )

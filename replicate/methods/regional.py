@@ -95,6 +95,9 @@ def train(context: StageContext) -> None:
     influence = artefacts.load_influence(context.inputs)
     network = untrained_networks(bases, influence, section)
     start(network, params, coefficients / np.float32(length), torch.Generator().manual_seed(settings.seed))
+    rest = np.asarray(samples.default / scale, np.float32)
+    for part, seen in zip(network.networks, network.seen, strict=True):
+        part.rest = torch.from_numpy(rest[seen.numpy()])
     network = network.to(device)
     overlapping = blended_bases(supervision, bases, coefficients, section)
     # the loss of a step
@@ -121,7 +124,7 @@ def train(context: StageContext) -> None:
         return length_of(found - targets[rows]) + section.derivatives * length_of(slope - changes[rows])
 
     def model() -> regional_model.RegionalModel:
-        return regional_model.RegionalModel(network.to("cpu"), overlapping, scale, length, len(mesh.neutral))
+        return regional_model.RegionalModel(network.to("cpu"), overlapping, scale, length, len(mesh.neutral), rest)
 
     # the training, and the networks in the bits that they are stored in
     validation = supervision.validation()
@@ -136,6 +139,7 @@ def train(context: StageContext) -> None:
     regional_model.halve(network)
     for part, seen in zip(network.networks, network.seen, strict=True):
         part.limit(params[:, seen.numpy()])
+        part.settle()
     regional_model.save(model(), context.out)
     write_training(context, model(), log)
     context.note(multiplications=model().multiplications())
@@ -206,7 +210,8 @@ def stored_bases(
             faces = faces_within(mesh.faces, vertices, len(mesh.neutral))
             counts = (len(movable), len(supervision.faces))
             metric = loss_metric(mesh.neutral[vertices], faces, *counts, section.normal_weight)
-            exact = principal_basis(vertices, samples.vertices_subset(few, vertices), metric, section.components)
+            offsets = samples.vertices_subset(few, vertices)
+            exact = principal_basis(vertices, offsets, metric, section.components, through_rest=True)
             stored = store(exact, section.fine)
             mean = stored.mean.float().numpy()
             shapes = stored.components().numpy().reshape(len(stored.steps), -1, 3)
@@ -242,7 +247,7 @@ def blended_bases(
     with threadpool_limits(1):
         for basis, known, (vertices, weights) in zip(bases, columns, reaches, strict=True):
             beyond = samples.vertices_subset(few, vertices[len(basis.vertices) :])
-            overlapping.append(blended(basis, vertices, weights, known, beyond))
+            overlapping.append(blended(basis, vertices, weights, known, beyond, through_rest=True))
     return overlapping
 
 

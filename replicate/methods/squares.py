@@ -1,4 +1,4 @@
-"""Squares beside the straight line: ridge regression on p, |p| and p², segment by segment.
+"""Squares beside the straight line: ridge regression on p, |p| and p².
 
 As `linear`, with three features of each parameter: Δ ≈ (p, |p|, p², 1) W, p divided by its scale. The effect of one
 parameter can be curved; a joint effect of two parameters is out of reach.
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from replicate.engine.stage import Stage, StageContext
+from replicate.methods import artefacts
 from replicate.methods.linear import default_section, fit_features, load_fits, with_constant
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
-from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -22,12 +22,18 @@ if TYPE_CHECKING:
 
 def stage(plan: Plan) -> Stage:
     """Return the stage that fits the weights."""
-    return plan.stage("squares", fit, plan.settings(METHOD.section(plan.config)), *inputs_of_networks(plan))
+    return plan.stage(
+        "squares",
+        fit,
+        plan.settings(METHOD.section(plan.config)),
+        artefacts.rig_stage(plan),
+        artefacts.samples_stage(plan),
+    )
 
 
 def fit(context: StageContext) -> None:
-    """Fit the weights of every segment to all training samples, for each λ; keep the best on the validation poses."""
-    fit_features(context, _features)
+    """Fit the weights to all training samples, for each λ; keep the best on the validation poses."""
+    fit_features(context, artefacts.whole_mesh(context.inputs), _features)
 
 
 def _features(params: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -37,7 +43,7 @@ def _features(params: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the fits as a model with a matrix for each segment."""
+    """Return the fit as a model with one matrix."""
     from replicate.baselines.ridge import squares_model
 
     return load_fits(inputs, "squares", squares_model)
@@ -49,7 +55,8 @@ METHOD = Method(
     lambda plan: (stage(plan),),
     model=load_model,
     place=51,
-    note="Ridge regression from p, |p| and p² to vertices, segment by segment: each rig parameter bends by itself.",
+    rigid_step=False,
+    note="Ridge regression from p, |p| and p² to vertices: each rig parameter bends by itself.",
     colour="#009E73",
     in_figures=False,
     standard=False,

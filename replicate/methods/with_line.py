@@ -1,7 +1,7 @@
 """The paper's networks beside a straight line: how much of their error comes from having to learn that line?
 
-Each network adds to the ridge regression of `linear` and is trained on Eq. 1 as it is without. The line's weights stay
-fixed, and count in the model's size.
+Each network adds to a ridge regression of its segment, on the parameters that it sees itself, and is trained on Eq. 1
+as it is without. The line's weights stay fixed, and count in the model's size.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ def dense_stage(plan: Plan) -> Stage:
 
 
 def _stage(plan: Plan, name: str, function: Callable, section: CoarseConfig | DenseConfig) -> Stage:
-    return plan.stage(name, function, plan.training(section), *inputs_of_networks(plan), linear.stage(plan))
+    return plan.stage(name, function, plan.training(section), *inputs_of_networks(plan), linear.lines_stage(plan))
 
 
 def refined_stage(plan: Plan) -> Stage:
@@ -51,7 +51,7 @@ def train_coarse(context: StageContext) -> None:
     from replicate.approximation import cnn
 
     facts = cnn.shape_facts(context.config.section)
-    train_on_segments(context, cnn.make_network, facts, cnn.save, linear.load_model(context.inputs))
+    train_on_segments(context, cnn.make_network, facts, cnn.save, linear.load_lines(context.inputs))
 
 
 def train_dense(context: StageContext) -> None:
@@ -59,7 +59,7 @@ def train_dense(context: StageContext) -> None:
     from replicate.baselines import dense
 
     facts = dense.shape_facts(context.config.section)
-    train_on_segments(context, dense.make_network, facts, dense.save, linear.load_model(context.inputs))
+    train_on_segments(context, dense.make_network, facts, dense.save, linear.load_lines(context.inputs))
 
 
 def train_refined(context: StageContext) -> None:

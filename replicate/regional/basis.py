@@ -120,17 +120,28 @@ def loss_metric(
 
 
 def principal_basis(
-    vertices: Int[np.ndarray, " k"], offsets: Float[np.ndarray, "s k 3"], metric: csr_matrix, components: int
+    vertices: Int[np.ndarray, " k"],
+    offsets: Float[np.ndarray, "s k 3"],
+    metric: csr_matrix,
+    components: int,
+    through_rest: bool = False,
 ) -> RegionalBasis:
-    """Return a region's basis: its offsets' mean over some samples, and their principal components in the metric."""
+    """Return a region's basis: its offsets' mean over some samples, and their principal components in the metric.
+
+    vertices: of the region.
+    offsets: in the samples, mm.
+    metric: as `loss_metric` gives it.
+    components: how many at most.
+    through_rest: whether the mean is left at zero, so that the pose at rest has the coefficients zero.
+    """
     from scipy.linalg import eigh  # only training needs it
 
-    mean = offsets.mean(axis=0)
+    mean = np.zeros_like(offsets[0]) if through_rest else offsets.mean(axis=0)
     centred = (offsets - mean).astype(np.float64)  # in half the digits the last components would be rounding errors
     weighed = apply_metric(metric, centred)
     s = len(offsets)
     gram = centred.reshape(s, -1) @ weighed.reshape(s, -1).T
-    count = max(1, min(components, s - 1, centred[0].size))
+    count = max(1, min(components, s - 1 + through_rest, centred[0].size))
     values, vectors = eigh(0.5 * (gram + gram.T), subset_by_index=[s - count, s - 1])
     values, vectors = values[::-1], vectors[:, ::-1]
     kept = values > 1e-10 * max(values[0], 1e-30)

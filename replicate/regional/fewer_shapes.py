@@ -25,7 +25,7 @@ def with_fewer_shapes(model: RegionalModel, count: int) -> RegionalModel:
         own = torch.from_numpy(rows[(rows >= first) & (rows < last)] - first)
         part.output, part.line = _narrowed(part.output, own), part.line and _narrowed(part.line, own)
         first = last
-    return RegionalModel(network, bases, model.scale.numpy(), model.length, model.vertex_count)
+    return RegionalModel(network, bases, model.scale.numpy(), model.length, model.vertex_count, model.rest)
 
 
 def _narrowed(layer: nn.Linear, rows: Int[torch.Tensor, " k"]) -> nn.Linear:

@@ -1,6 +1,7 @@
 """Our approximation: gated networks give the coefficients of regional bases, which are stored in few bits.
 
-V = V⁰ + Σ_r (mean_r + c_r(p) B_r), over the regions r that move a vertex; regions overlap. The networks are trained on
+V = V⁰ + Σ_r (mean_r + c_r(p) B_r), over the regions r that move a vertex; regions overlap. At rest c_r is zero by
+construction, but for the 16 bits of weights, which mean_r = −c_r(rest) B_r takes away. The networks are trained on
 coefficients alone: a basis is orthonormal in the metric of the loss, so that the length of the coefficients' error is
 the error that the loss sees, and training needs no mesh.
 """
@@ -33,7 +34,7 @@ class StoredBasis(nn.Module):
 
     vertices: (k,) int32.
     weights: (k,) float32.
-    mean: (k, 3) float16, mm.
+    mean: (k, 3) float16 in a file, mm.
     fine: (a, k, 3) int16.
     rough: (c − a, k, 3) int8.
     steps: (c,) float32, mm.
@@ -70,7 +71,7 @@ class StoredBasis(nn.Module):
 
     def size_bytes(self) -> int:
         """Return how many bytes the basis takes, without its vertices' indices, and without weights that are all 1."""
-        counted = [self.mean, self.fine, self.rough, self.steps]
+        counted = [self.mean.half(), self.fine, self.rough, self.steps]
         counted += [] if (self.weights == 1).all() else [self.weights]
         return sum(value.numel() * value.element_size() for value in counted)
 
@@ -100,6 +101,7 @@ def blended(
     weights: Float[np.ndarray, " j"],
     coefficients: Float[np.ndarray, "s c"],
     offsets: Float[np.ndarray, "s l 3"],
+    through_rest: bool = False,
 ) -> StoredBasis:
     """Return a region's basis extended to vertices beyond the region, with weights.
 
@@ -111,8 +113,10 @@ def blended(
     weights: of these vertices.
     coefficients: of the samples.
     offsets: of the l others in the samples, mm.
+    through_rest: whether the mean is left at zero.
     """
-    known = np.column_stack([np.ones(len(coefficients)), coefficients]).astype(np.float64)
+    constant = np.zeros if through_rest else np.ones  # least squares give a column of zeros the weight zero
+    known = np.column_stack([constant(len(coefficients)), coefficients]).astype(np.float64)
     fit = np.linalg.lstsq(known, offsets.reshape(len(offsets), -1).astype(np.float64))[0]
     beyond = fit.reshape(len(fit), -1, 3)
     steps, kept = basis.steps.numpy()[:, None, None], len(basis.fine)
@@ -157,6 +161,7 @@ class RegionalModel:
     scale: (m,), what parameters are divided by.
     length: what coefficients are multiplied by.
     vertex_count: n.
+    rest: (m,), the scaled parameters at which nothing moves; None for a model that moves a little there.
     vertices, layers: those that move, (k,), and where their rows are, as `coverings` returns them.
     """
 
@@ -167,8 +172,10 @@ class RegionalModel:
         scale: np.ndarray,
         length: float,
         vertex_count: int,
+        rest: np.ndarray | None = None,
     ):
-        self.network, self.bases, self.length, self.vertex_count = network, tuple(bases), float(length), vertex_count
+        self.network, self.length, self.vertex_count, self.rest = network, float(length), vertex_count, rest
+        self.bases = tuple(bases if rest is None else _through_rest(network, bases, self.length, rest))
         self.scale = torch.from_numpy(np.array(scale, np.float32))
         self.vertices, self.layers = coverings([basis.vertices.numpy() for basis in bases])
         self._layers = [torch.from_numpy(layer) for layer in self.layers]
@@ -209,6 +216,24 @@ class RegionalModel:
         return self.network.multiplications() + weights + sum(shapes.numel() for shapes in self._components)
 
 
+def _through_rest(
+    network: RegionalNetworks, bases: Sequence[StoredBasis], length: float, rest: np.ndarray
+) -> list[StoredBasis]:
+    """Return bases whose means undo what the network says at rest."""
+    with torch.no_grad():
+        said = network(torch.from_numpy(np.array(rest, np.float32))[None])[0] * length
+    parts = said.split([len(basis.steps) for basis in bases])
+    return [
+        StoredBasis(b.vertices, b.weights, -_plain_mean(b, part), b.fine, b.rough, b.steps)
+        for b, part in zip(bases, parts, strict=True)
+    ]
+
+
+def _plain_mean(basis: StoredBasis, coefficients: Float[torch.Tensor, " c"]) -> Float[torch.Tensor, "k 3"]:
+    whole = torch.cat([basis.fine.float(), basis.rough.float()])
+    return torch.tensordot(coefficients * basis.steps, whole, 1)
+
+
 def regional_loss(error: Float[torch.Tensor, "b d"], membership: Float[torch.Tensor, "d r"]) -> Float[torch.Tensor, ""]:
     """Return the mean over poses of the summed lengths of the regions' coefficient errors.
 
@@ -232,7 +257,11 @@ def save(model: RegionalModel, folder: Path) -> None:
     arrays |= {f"seen.{k}": seen.to(torch.int16) for k, seen in enumerate(model.network.seen)}
     for k, basis in enumerate(model.bases):
         arrays |= {f"basis.{k}.{name}": value.contiguous() for name, value in basis.named_buffers()}
-    save_file(arrays | {"scale": model.scale}, Path(folder) / WEIGHTS)
+        arrays[f"basis.{k}.mean"] = basis.mean.half()
+    arrays |= {"scale": model.scale}
+    if model.rest is not None:
+        arrays["rest"] = torch.from_numpy(np.array(model.rest, np.float32))
+    save_file(arrays, Path(folder) / WEIGHTS)
     first = model.network.networks[0]
     facts = {
         "networks": len(model.network.networks),
@@ -262,4 +291,5 @@ def load(folder: Path) -> RegionalModel:
     network.load_state_dict(state)
     for part in network.networks:
         part.is_limited = True
-    return RegionalModel(network, bases, arrays["scale"].numpy(), facts["length_mm"], facts["vertex_count"])
+    rest = arrays["rest"].numpy() if "rest" in arrays else None
+    return RegionalModel(network, bases, arrays["scale"].numpy(), facts["length_mm"], facts["vertex_count"], rest)

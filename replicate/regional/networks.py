@@ -48,6 +48,7 @@ class GatedNetwork(nn.Module):
             self.register_buffer(f"least_{k}", torch.full((width,), -torch.inf))
             self.register_buffer(f"most_{k}", torch.full((width,), torch.inf))
         self.is_limited = False  # whether `limit` has set them
+        self.rest: torch.Tensor | None = None  # scaled parameters at which outputs are kept at zero, in training
 
     @property
     def limits(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
@@ -55,6 +56,12 @@ class GatedNetwork(nn.Module):
         return [(getattr(self, f"least_{k}"), getattr(self, f"most_{k}")) for k in range(len(self.layers))]
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
+        if self.rest is None:
+            return self._outputs(params)
+        both = self._outputs(torch.cat([params, self.rest.to(params)[None]]))
+        return both[:-1] - both[-1:]
+
+    def _outputs(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
         x = _within(params, self.lowest, self.highest)
         for layer, (least, most) in zip(self.layers, self.limits, strict=True):
             x = self._after(layer(x))
@@ -95,6 +102,13 @@ class GatedNetwork(nn.Module):
                 most.copy_(x.amax(dim=0).half())
                 x = _within(x, least, most)
         self.is_limited = True
+
+    def settle(self) -> None:
+        """Put what keeps the outputs at zero at rest into the bias, when training is over."""
+        if self.rest is not None:
+            with torch.no_grad():
+                self.output.bias -= self._outputs(self.rest[None])[0]
+            self.rest = None
 
     def multiplications(self) -> int:
         """Return how many multiplications one pose takes."""

@@ -48,7 +48,7 @@ def draw(context: StageContext) -> None:
     """Draw the mesh segments in colours (Fig. 7), and how far each is from moving rigidly."""
     settings, rig = context.config, artefacts.load_rig(context.inputs)
     rigid = artefacts.load_attachments(context.inputs).segment.tolist()
-    errors = artefacts.mean_rigid_errors(context.inputs, settings.rigid, settings.seed)
+    errors = artefacts.mean_rigid_errors(context.inputs)
     stem = context.out / f"figure07_{settings.character}"
     save_segments_figure(rig, rigid, errors, stem)
     save_rigid_errors(rig.mesh, errors, rigid, settings.rigid.tau_mm, stem)

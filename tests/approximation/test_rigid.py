@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from replicate.approximation.rigid import Attachments, attach, find_attachments, following_errors, segment_errors
+from replicate.approximation.rigid import (
+    CHUNK,
+    Attachments,
+    attach,
+    find_attachments,
+    following_errors,
+    placement_errors,
+    segment_errors,
+    without,
+)
 from replicate.base.exceptions import InputError
 from replicate.geometry.alignment import align, nearest_rotation
 from replicate.geometry.mesh import Mesh
@@ -126,7 +135,8 @@ def test_how_badly_a_vertex_follows_is_the_root_of_equation_4():
     rotation, translation = align(mesh.neutral[mesh.segment == 1], poses[:, mesh.segment == 1])
     distance = np.linalg.norm(mesh.neutral @ rotation + translation[:, None] - poses, axis=-1)
     expected = np.sqrt((distance**2).mean(0))
-    np.testing.assert_allclose(following_errors(mesh.neutral, poses, rotation, translation), expected, atol=1e-4)
+    every, tooth = np.arange(len(mesh.neutral)), np.array([1])
+    np.testing.assert_allclose(following_errors(mesh, every, tooth, poses)[0], expected, atol=1e-4)
     assert expected.max() > 1
 
 
@@ -212,3 +222,55 @@ def test_attachments_come_back_from_disk_as_they_were(tmp_path):
     attachments.save(tmp_path / "rigid.npz")
     for name, array in vars(Attachments.load(tmp_path / "rigid.npz")).items():
         np.testing.assert_array_equal(array, getattr(attachments, name))
+
+
+def eye_poses(turns=300, still=300):
+    """Poses in which the second segment turns by itself in still skin, in as many as the first number says."""
+    mesh, rng = grid_mesh(), np.random.default_rng(9)
+    poses = np.repeat(mesh.neutral[None].astype(np.float64), turns + still, 0)
+    eye = mesh.segment == 1
+    centre = mesh.neutral[eye].mean(0)
+    for pose in poses[:turns]:
+        pose[eye] = (pose[eye] - centre) @ rotation_about(rng.normal(size=3), 0.4) + centre
+    bent = (mesh.segment == 2) | (mesh.segment == 0) & (mesh.neutral[:, 0] > 15)
+    poses[:, bent] += rng.normal(size=(turns + still, bent.sum(), 3))
+    return mesh, poses.astype(np.float32)
+
+
+def test_a_segment_that_turns_in_still_skin_is_rigid_and_has_no_vertices_that_would_place_it():
+    mesh, poses = eye_poses()
+    attachments = find_attachments(mesh, poses)
+    assert attachments.segment.tolist() == [1]
+    (error,) = placement_errors(mesh, attachments, poses)
+    members = np.flatnonzero(mesh.segment == 1)
+    turned = np.sqrt(((poses[:300, members] - mesh.neutral[members]) ** 2).sum(-1).mean(-1))
+    assert error == pytest.approx(turned.mean(), rel=1e-3), "left where it rests, it is off by all of its motion"
+    assert error > 0.3
+    assert len(without(attachments, [1]).segment) == 0 and len(without(attachments, [0]).segment) == 1
+
+
+@pytest.mark.parametrize("turns", [1, 10])
+def test_a_segment_that_seldom_moves_is_judged_by_the_poses_that_move_it(turns):
+    mesh, poses = eye_poses(turns, 400 - turns)
+    often = placement_errors(mesh, find_attachments(mesh, poses), poses)
+    assert often[0] > 0.3, "the mean over all poses is far below that"
+
+
+def test_a_segment_that_its_carriers_move_with_is_placed_well():
+    mesh = grid_mesh()
+    poses, _ = moving_poses(mesh)
+    assert placement_errors(mesh, find_attachments(mesh, poses), poses).max() < 1e-3
+
+
+def test_poses_may_be_more_than_are_looked_at_at_a_time():
+    mesh = grid_mesh()
+    poses, _ = moving_poses(mesh, CHUNK + 7)
+    whole, parts = (following_errors(mesh, np.arange(49), np.array([1]), poses[:k]) for k in (CHUNK + 7, CHUNK))
+    rest = following_errors(mesh, np.arange(49), np.array([1]), poses[CHUNK:])
+    np.testing.assert_allclose(whole**2 * (CHUNK + 7), parts**2 * CHUNK + rest**2 * 7, rtol=1e-9)
+
+
+def test_segments_whose_names_are_known_are_taken_as_rigid_whatever_equation_3_says():
+    mesh = grid_mesh()
+    poses, _ = moving_poses(mesh)
+    assert find_attachments(mesh, poses, named=[2]).segment.tolist() == [2]

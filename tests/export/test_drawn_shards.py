@@ -39,8 +39,6 @@ CONFIG = """
 [samples]
 count = 200
 validation = 8
-[rigid]
-poses = 40
 [evaluation]
 test_poses = 40
 """

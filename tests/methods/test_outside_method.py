@@ -16,7 +16,7 @@ from replicate.report.pose_record import load_pose
 from replicate.report.results import find, read_results
 from replicate.targets.figure10 import figure10
 
-FEW = "[samples]\ncount = 300\nvalidation = 16\n[rigid]\nposes = 20\n[evaluation]\ntest_poses = 20\n"
+FEW = "[samples]\ncount = 300\nvalidation = 16\n[evaluation]\ntest_poses = 20\n"
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,9 @@ COARSE = CoarseConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)  # what
 
 def fit(folder, samples=None):
     inputs = write_artefacts(folder, samples or small_samples(small_mesh(), 1_500))
-    return run_stage(linear.fit, inputs, "linear", StageSettings(linear.default_section("quick"), 0), folder)
+    settings = StageSettings(linear.default_section("quick"), 0)
+    inputs, _ = run_stage(linear.fit, inputs, "linear", settings, folder)
+    return run_stage(linear.fit_lines, inputs, linear.LINES, settings, folder)
 
 
 def errors(inputs, name: str) -> float:

@@ -68,8 +68,6 @@ steps = 10
 steps = 20
 [dense_released_narrow.training]
 steps = 20
-[rigid]
-poses = 40
 [lbs]
 samples = 60
 iterations = 15

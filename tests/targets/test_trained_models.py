@@ -35,7 +35,6 @@ NUMBERS = """
 samples = {count = 300, validation = 8}
 coarse = {map_size = 16, training = {steps = 60}}
 regional = {regions = 2, components = 12, hidden = [16], training = {steps = 60}}
-rigid = {poses = 20}
 inverse = {hidden = [24], training = {steps = 60}}
 """
 CONFIG = resolve("tiny", "quick", tomllib.loads(NUMBERS), None, SECTIONS, seed=0, device="cpu")

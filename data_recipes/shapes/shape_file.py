@@ -1,0 +1,215 @@
+"""What a face of summed shapes is read from: a glTF with morph targets, or a folder with a mesh for each shape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from data_recipes.acting.procedural_acting import Acting
+from data_recipes.gltf.document import buffer_files
+from data_recipes.gltf.gltf_face import GltfSkin, read_gltf
+from data_recipes.recipe_paths import FACE_FILE, SHAPE_ENDINGS, SHAPE_MESHES, shape_file
+from data_recipes.sampled.face_file import FARTHEST_LIMIT, MM, Points, in_our_axes
+from data_recipes.sampled.mesh_file import NeutralFile, neutral_of, read_mesh
+from replicate.base.exceptions import InputError
+from replicate.base.schema import Checked, names, naming, number, numbers, read_table, shown
+from replicate.base.spelling import nothing_named
+from replicate.base.user_files import is_file, read_toml, shown_path
+
+# ruff: noqa: RUF009 — defaults are `dataclasses.field`s, or frozen
+
+NEUTRAL_NAMES = ("neutral", "base", "basis", "rest", "default", "mean")
+MOST_SHAPES = 2_000
+GUESSED_UNITS = ("m", "cm", "mm")  # the first that makes the face as large as a face
+FACE_MM = (60.0, 600.0)
+AXES = ("x", "y", "z")
+FARTHEST_DEG = 180.0
+
+
+@dataclass(frozen=True)
+class ShapeFace(Checked):
+    """What may be said of such a face, in a `face.toml` beside it: all of it is optional.
+
+    name: "" for that of the file.
+    unit: "" has it guessed from the face's size.
+    up: the axis that points upwards; a glTF's is always y.
+    segments: what makes a segment of the mesh: a node or an OBJ's group, a material, or an island of the texture.
+    keep: parts that no control moves and that are approximated all the same.
+    rigid: names of segments that move rigidly; () has the poses show which do.
+    limits: control → its least and its greatest value; 0 and 1 otherwise.
+    joints: joint of the skin → axis (x, y, z, its own at rest) → least and greatest angle, degrees; each is a control.
+    eyes: the middle between the eyeballs, in the file's unit and axes; () has it guessed.
+    acting: the animation that is invented for it.
+    """
+
+    name: str = ""
+    unit: str = ""
+    up: str = "y"
+    segments: str = "groups"
+    keep: tuple[str, ...] = names(what="parts")
+    rigid: tuple[str, ...] = names(what="segments")
+    limits: dict = field(default_factory=dict)
+    joints: dict = field(default_factory=dict)
+    frames_per_second: float = number(24.0, 1.0, 1_000.0)
+    source: str = ""
+    licence: str = ""
+    eyes: tuple[float, ...] = numbers((), 3, -1e6, 1e6, optional=True)
+    points: Points = Points()
+    acting: Acting = Acting(seed=1, clips=40)
+    mesh: str = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, options in (
+            ("unit", ("", *MM)),
+            ("up", ("y", "z")),
+            ("segments", ("groups", "materials", "islands")),
+        ):
+            if getattr(self, key) not in options:
+                words = ", ".join(filter(None, options))
+                raise InputError(f"{key}: expected one of {words}, got {shown(getattr(self, key))}")
+        for name, limits in self.limits.items():
+            _check_span(f"limits.{shown(name)}", limits, FARTHEST_LIMIT, "least and greatest value")
+        for joint, axes in self.joints.items():
+            if not isinstance(axes, dict) or not axes or not set(axes) <= set(AXES):
+                raise InputError(f"joints.{shown(joint)}: expected limits of x, y or z, got {shown(axes)}")
+            for axis, limits in axes.items():
+                _check_span(f"joints.{shown(joint)}.{axis}", limits, FARTHEST_DEG, "least and greatest angle")
+
+
+def _check_span(key: str, limits: object, farthest: float, what: str) -> None:
+    fits = isinstance(limits, (list, tuple)) and len(limits) == 2
+    fits = fits and all(isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= farthest for x in limits)
+    if not (fits and limits[0] <= 0 <= limits[1] and limits[0] < limits[1]):
+        raise InputError(f"{key}: expected {what} around 0, such as [0, 1], got {shown(limits)}")
+
+
+@dataclass(frozen=True)
+class ShapeRecipe:
+    """What a rig of shapes is made from besides its files. name: the character's."""
+
+    name: str
+    face: ShapeFace
+    file: str = "<memory>"
+    clip_files: tuple[str, ...] = ()
+
+
+def load_shape_recipe(character: str) -> ShapeRecipe:
+    """Return what is said of a face of shapes; raise InputError, naming file and key, for a `face.toml` that is wrong.
+
+    character: the path of a glTF, or of a folder with a mesh for each shape.
+    """
+    place = shape_file(character)
+    folder = place if place.is_dir() else place.parent
+    toml = folder / FACE_FILE
+    face = ShapeFace()
+    if is_file(toml):
+        with naming(shown_path(toml)):
+            face = read_table(ShapeFace, read_toml(toml))
+    return ShapeRecipe(face.name or place.stem, face, str(place))
+
+
+def source_files(recipe: ShapeRecipe) -> tuple[Path, ...]:
+    """Return the files of a face of shapes: a glTF and its buffers, or the neutral and the shapes in order of names."""
+    place = Path(recipe.file)
+    if not place.is_dir():
+        if not is_file(place):
+            raise InputError(f"{shown_path(place)}: there is no such file")
+        return (place, *(file for file in buffer_files(place) if file != place))
+    meshes = sorted(file for file in place.iterdir() if file.suffix.lower() in SHAPE_MESHES)
+    if len(meshes) > MOST_SHAPES:
+        raise InputError(f"{shown_path(place)}: expected at most {MOST_SHAPES:,} shapes, got {len(meshes):,}")
+    stated = recipe.face.mesh
+    wanted = [file for file in meshes if (file.name == stated if stated else file.stem.lower() in NEUTRAL_NAMES)]
+    if not wanted:
+        others = f": call the neutral one of {', '.join(NEUTRAL_NAMES)}, or name it in {FACE_FILE}, mesh = …"
+        raise InputError(f"{shown_path(place)}: which of {len(meshes)} meshes is the neutral face?{others[1:]}")
+    neutral = wanted[0]
+    shapes = [file for file in meshes if file != neutral]
+    if not shapes:
+        raise InputError(f"{shown_path(place)}: expected a mesh for each shape beside {neutral.name}, got none")
+    return (neutral, *shapes)
+
+
+@dataclass(frozen=True)
+class ShapeSource:
+    """A face as its files have it, in mm and our axes.
+
+    neutral: n vertices, with faces, charts and labels; its `vertices` are in mm already.
+    targets: shape → offsets of the vertices, mm.
+    weights: shape → its weight in the neutral face.
+    skin: joints, in the file's unit, or None.
+    mm: the file's unit in mm.
+    colours: of the vertices, from 0 to 1, or None.
+    """
+
+    neutral: NeutralFile
+    targets: dict[str, Float[np.ndarray, "n 3"]]
+    weights: Mapping[str, float]
+    skin: GltfSkin | None
+    mm: float
+    colours: Float[np.ndarray, "n 3"] | None
+
+
+def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
+    """Read the files of a face of shapes, as `source_files` lists them.
+
+    Raises InputError, naming the file, for one without shapes or with another number of vertices.
+    """
+    file = files[0]
+    where = shown_path(file)
+    if file.suffix.lower() in SHAPE_ENDINGS:
+        found = read_gltf(file)
+        if not found.targets and not face.joints:
+            raise InputError(
+                f"{where}: it has no morph targets, so nothing can move: export it with shape keys, or name joints of "
+                f"its skin in a {FACE_FILE} beside it"
+            )
+        neutral = neutral_of(found)
+        targets, weights, skin, colours = found.targets, found.weights, found.skin, found.base_colour
+    else:
+        neutral = read_mesh(file)
+        targets = {}
+        for shape in files[1:]:
+            vertices = read_mesh(shape).vertices
+            if vertices.shape != neutral.vertices.shape:
+                n = len(neutral.vertices)
+                raise InputError(f"{shown_path(shape)}: expected the {n} vertices of {file.name}, got {len(vertices)}")
+            targets[shape.stem] = vertices - neutral.vertices
+        weights, skin, colours = dict.fromkeys(targets, 0.0), None, None
+    mm = MM[face.unit] if face.unit else _guess_unit(neutral.vertices, targets, where)
+    up = "y" if file.suffix.lower() in SHAPE_ENDINGS else face.up
+    ours = lambda x: in_our_axes(x, up) * mm  # noqa: E731
+    in_mm = NeutralFile(**vars(neutral) | {"vertices": ours(neutral.vertices)})
+    return ShapeSource(in_mm, {k: ours(v) for k, v in targets.items()}, weights, skin, mm, colours)
+
+
+def count_controls(recipe: ShapeRecipe, files: Sequence[Path]) -> int:
+    """Return how many controls a rig of these files has at most."""
+    joints = sum(map(len, recipe.face.joints.values()))
+    return joints + (len(files) - 1 if files[0].suffix.lower() in SHAPE_MESHES else len(read_gltf(files[0]).targets))
+
+
+def _guess_unit(vertices: np.ndarray, targets: Mapping[str, np.ndarray], where: str) -> float:
+    """Return the unit in mm that makes what moves as large as a face. Raises InputError where none does."""
+    moving = np.any([np.abs(x).max(axis=1) > 0 for x in targets.values()], axis=0) if targets else np.ones(1, bool)
+    some = vertices[moving] if moving.shape == vertices.shape[:1] and moving.any() else vertices
+    size = float(np.ptp(some, axis=0).max())
+    for unit in GUESSED_UNITS:
+        if FACE_MM[0] <= size * MM[unit] <= FACE_MM[1]:
+            return MM[unit]
+    sizes = ", ".join(f"{size * MM[unit]:.3g} mm in {unit}" for unit in GUESSED_UNITS)
+    raise InputError(f'{where}: what moves is {sizes}: name its unit in a {FACE_FILE} beside it, such as unit = "m"')
+
+
+def check_names(face: ShapeFace, controls: list[str], joints: tuple[str, ...], where: str) -> None:
+    """Raise InputError for limits of a control, or for a joint, that the file doesn't have."""
+    for kind, given, known in (("control", face.limits, controls), ("joint", face.joints, joints)):
+        for name in given:
+            if name not in known:
+                others = f": there are {', '.join(known[:12])}" if known else f": there is no {kind}"
+                raise InputError(f"{where}: {nothing_named(kind, name, known, others)}")
