@@ -103,7 +103,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
         if at + 8 + size > length:
             raise InputError(f"a chunk at byte {at}: expected at most {length - at - 8} bytes, got {size}")
         chunks.append((kind, data[at + 8 : at + 8 + size]))
-        at += 8 + size + -size % 4
+        at += 8 + size
     if not chunks or chunks[0][0] != b"JSON":
         raise InputError("expected a GLB that begins with JSON")
     return chunks[0][1], next((content for kind, content in chunks if kind == b"BIN\0"), None)

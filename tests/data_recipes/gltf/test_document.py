@@ -51,7 +51,7 @@ FAULTS = {  # place, value, words of the sentence
     "no asset": (("asset",), None, "expected an object with an asset"),
     "version 1": (("asset", "version"), "1.0", "expected glTF version 2.0, got '1.0'"),
     "another file's extension": (("extensionsRequired",), ["KHR_gaussian_splatting"], "KHR_gaussian_splatting"),
-    "a scene out of range": (("scene",), 7, "the file.scene: expected a whole number from 0 to 0, got 7"),
+    "a scene out of range": (("scene",), 7, "glTF.scene: expected a whole number from 0 to 0, got 7"),
     "a root out of range": (("scenes", 0, "nodes"), [9], "scenes[0].nodes: expected indices of 3 nodes, got [9]"),
     "a root twice": (("scenes", 0, "nodes"), [0, 0], "a node twice"),
     "a root within another": (("scenes", 0, "nodes"), [0, 1, 2], "a node twice"),
@@ -204,6 +204,16 @@ def test_files_that_are_no_glb_or_are_cut_are_refused(tmp_path):
         refused(file)
     file.unlink()
     assert refused(file) == "there is no such file"
+
+
+def test_a_glb_whose_json_ends_anywhere_is_read(tmp_path):
+    """Chunks should be filled up to four bytes, and some writers don't: the next one follows at once."""
+    g, file = rich(), tmp_path / "a.glb"
+    for spaces in range(4):
+        text = json.dumps(g.finished()).encode() + b" " * spaces
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(g.data), b"BIN\0") + g.data
+        file.write_bytes(struct.pack("<4s2I", b"glTF", 2, 12 + len(chunks)) + chunks)
+        assert len(read_gltf(file).vertices) == 4
 
 
 def test_a_buffer_behind_a_link_out_of_the_folder_is_refused(tmp_path):
