@@ -65,11 +65,9 @@ def read_mesh(file: Path) -> NeutralFile:
     n = len(mesh.vertices)
     if not n or not len(mesh.faces):
         raise InputError(f"{where}: expected vertices and faces, got {n} vertices and {len(mesh.faces)} faces")
-    for name, array, limit in (("vertex", mesh.vertices, FAR), ("texture coordinate", mesh.uv, FAR)):
-        bad = [] if array is None else np.flatnonzero(~(np.abs(array) <= limit).all(axis=1))
-        if len(bad):
-            value = shown(array[bad[0]].tolist())
-            raise InputError(f"{where}: {name} {bad[0]} (from 0): expected numbers up to {limit:g}, got {value}")
+    _check_numbers(mesh.vertices, "vertex", where)
+    if mesh.uv is not None:
+        _check_numbers(mesh.uv, "texture coordinate", where)
     outside = np.flatnonzero(((mesh.faces < 0) | (mesh.faces >= n)).any(axis=1))
     if len(outside):
         vertex = mesh.faces[outside[0]].max()
@@ -77,6 +75,13 @@ def read_mesh(file: Path) -> NeutralFile:
     if unused := len(mesh.unused):
         mesh = replace(mesh, remarks=(*mesh.remarks, f"{where}: vertices in no face, which stand still: {unused}"))
     return mesh
+
+
+def _check_numbers(rows: Float[np.ndarray, "k d"], what: str, where: str) -> None:
+    bad = np.flatnonzero(~(np.abs(rows) <= FAR).all(axis=1))  # NaN as well
+    if len(bad):
+        value = shown(rows[bad[0]].tolist())
+        raise InputError(f"{where}: {what} {bad[0]} (from 0): expected numbers up to {FAR:g}, got {value}")
 
 
 def buffers_of(file: Path) -> tuple[Path, ...]:
@@ -126,6 +131,7 @@ def _of_polygons(
     cleaned = [_without_repeats(*both) for both in zip(polygons, uv_polygons, strict=True)]
     kept = [k for k, (corners, _) in enumerate(cleaned) if len(set(corners)) >= 3]
     points = np.array(vertices, np.float64).reshape(-1, 3)
+    _check_numbers(points, "vertex", where)
     triangles = triangulate(points, [cleaned[k][0] for k in kept])
     uv_faces = np.array([corner for k in kept for corner in cleaned[k][1]], np.int64)[triangles.corner]
     has_uv = bool((uv_faces >= 0).any())

@@ -15,7 +15,8 @@ def empty_cache(tmp_path, monkeypatch):
 
 
 def test_a_character_that_results_lack_is_named_with_the_command_that_makes_it():
-    assert what_is_missing("reference", "nobody").endswith("`make figure11 CHARACTERS=nobody` makes it.")
+    command = "make figure11 CHARACTERS=<recipe or folder of nobody>"
+    assert what_is_missing("reference", "nobody").endswith(f"`{command}` makes it.")
 
 
 def test_networks_that_the_cache_lacks_are_named_with_the_command_that_trains_them():

@@ -229,6 +229,10 @@ PLY = ply("binary_little_endian")
         (PLY.replace(b"list uchar uint", b"list float uint"), "ends too early|has the length"),
         (ply("ascii").replace(b"1 3 0 1", b"1 3 0 one"), "invalid literal"),
         (ply("ascii").replace(b"1 3 0 1", b"1 3 0 99"), "face 0 .from 0.: expected vertices from 0 to 29, got .0, 99"),
+        (
+            ply("ascii").replace(b"-90.0 -100.0", b"nan inf", 1),
+            r"vertex 0 .from 0.: expected numbers up to 1e.09, got .nan",
+        ),
         (ply("ascii").replace(b"1 3 0 1", b"1 4000000000 0 1"), "ends too early"),
     ],
 )

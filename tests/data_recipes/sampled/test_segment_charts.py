@@ -5,7 +5,7 @@ import pytest
 from sample_folders import COLUMNS, ROWS, neutral, obj
 
 from data_recipes.sampled.mesh_file import read_mesh
-from data_recipes.sampled.segment_charts import covered_and_doubled, make_mesh
+from data_recipes.sampled.segment_charts import clean_name, covered_and_doubled, make_mesh
 from replicate.base.exceptions import InputError
 
 
@@ -89,6 +89,23 @@ def test_faces_without_an_area_are_left_out_and_their_vertices_stay(tmp_path):
 def test_names_of_segments_can_name_results(tmp_path):
     mesh = mesh_of(tmp_path, obj().replace("g lower", "g face/lower lip", 1).replace("g upper", "g ../", 1))
     assert set(mesh.segment_names) >= {"face_lower_lip"} and all("/" not in name for name in mesh.segment_names)
+
+
+@pytest.mark.parametrize(
+    ("name", "clean"),
+    [
+        ("顔", "顔"),
+        ("Za\u0308hne oben", "Zähne_oben"),
+        ("हिंदी", "हिंदी"),
+        ("<b>skin</b>", "b_skin_b"),
+        ("C:\\lip\u202e.", "C_lip"),
+        ("☺", "rest"),
+        ("顔" * 40, "顔" * 20),
+        ("lid-2", "lid-2"),
+    ],
+)
+def test_a_segments_name_keeps_letters_and_digits_of_any_script(name, clean):
+    assert clean_name(name) == clean
 
 
 @pytest.mark.parametrize(("shift", "share"), [(1.0, 0.0), (0.0, 1.0)])
