@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32
@@ -25,6 +25,7 @@ from data_recipes.ict.facekit_files import expression_names, model_files
 from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
+from data_recipes.recipe.shapes import ShapeRecipe, load_shape_recipe
 from data_recipes.recipe_paths import shape_file
 from data_recipes.rig import AlteredRig, Rig
 from replicate.base.exceptions import InputError
@@ -32,8 +33,9 @@ from replicate.base.exceptions import InputError
 if TYPE_CHECKING:
     from data_recipes.sampled.importing import SampledRecipe
     from data_recipes.sampled.sampled_rig import SampledRig
-    from data_recipes.shapes.shape_file import ShapeRecipe
 
+
+AnyRecipe: TypeAlias = Recipe | FaceKitRecipe | ShapeRecipe
 
 __all__ = [
     "FACE_LANDMARKS",
@@ -56,14 +58,14 @@ __all__ = [
 ]
 
 
-def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe, tuple[Path, ...]]:
+def character_parts(name_or_recipe: str | Path) -> tuple[AnyRecipe, tuple[Path, ...]]:
     """Return what a character's rig is built from: its recipe, and the files of its clips and its model.
 
     The recipe leaves out the place and layout of its file, so that equal recipes and files give equal rigs. Raises
     InputError for a bad recipe or clip, or a missing model or file.
     """
     if shape_file(str(name_or_recipe)):
-        from data_recipes.shapes.shape_file import load_shape_recipe, source_files
+        from data_recipes.shapes.shape_file import source_files
 
         shapes = load_shape_recipe(str(name_or_recipe))
         return replace(shapes, file=""), source_files(shapes)
@@ -73,9 +75,9 @@ def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe,
     return without_place(recipe), (*map(Path, recipe.clip_files), *model)
 
 
-def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequence[Path]) -> int:
+def control_count(recipe: AnyRecipe | SampledRecipe, files: Sequence[Path]) -> int:
     """Return how many controls a rig will have, from `character_parts` or `sampled_parts`; nothing is built."""
-    if is_shapes(recipe):
+    if isinstance(recipe, ShapeRecipe):
         from data_recipes.shapes.shape_file import count_controls
 
         return count_controls(recipe, files)
@@ -88,11 +90,6 @@ def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequenc
     return len(open_folder(files[1].parent).controls)
 
 
-def is_shapes(recipe: object) -> TypeGuard[ShapeRecipe]:
-    """Return whether `character_parts` gave a face of shapes."""
-    return type(recipe).__name__ == "ShapeRecipe"  # its module takes a second to import
-
-
 def build_rig(name_or_recipe: str | Path) -> Rig:
     """Return a character, built from its recipe (some 15 s).
 
@@ -101,9 +98,9 @@ def build_rig(name_or_recipe: str | Path) -> Rig:
     return build_from_parts(*character_parts(name_or_recipe))
 
 
-def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> Rig:
+def build_from_parts(recipe: AnyRecipe, files: Sequence[Path]) -> Rig:
     """Return the rig of what `character_parts` gives. Raises InputError for a recipe whose head is not a face."""
-    if is_shapes(recipe):
+    if isinstance(recipe, ShapeRecipe):
         from data_recipes.shapes.shape_rig import build_shape_rig
 
         return build_shape_rig(recipe, files)
@@ -117,7 +114,7 @@ def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> R
     return build_recipe_rig(whole)
 
 
-def with_face_landmarks(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
+def with_face_landmarks(rig: Rig, recipe: AnyRecipe) -> Rig:
     """Return a rig whose control points are the 54 landmarks of performance capture (§5.3.2), in their regions.
 
     recipe: what the rig was built from, as `character_parts` gives it; the landmarks are found on its head.

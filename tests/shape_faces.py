@@ -25,7 +25,7 @@ def half(x0: float, x1: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def split_sheet() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return vertices (mm), triangles and texture coordinates of a sheet whose seam, at x = 0, has its vertices twice."""
+    """Return vertices (mm), triangles and texture coordinates of a sheet that has the vertices of its seam twice."""
     (left, faces), (right, others) = half(-70, 0), half(0, 70)
     u = np.concatenate([0.45 * (left[:, 0] + 70) / 70, 0.55 + 0.45 * right[:, 0] / 70])
     vertices = np.concatenate([left, right])

@@ -20,13 +20,14 @@ from data_recipes.controls import Control
 from data_recipes.deformers.node_chain import Chain, FaceConstants, Node, State, place_of, spread
 from data_recipes.deformers.posed_props import NEAREST, RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
+from data_recipes.recipe.shapes import AXES, ShapeFace, ShapeRecipe
 from data_recipes.rig import Clip, check_rig
 from data_recipes.sampled.importing import CONTROL_POINTS, EYES_MM, LANDMARKS, motion_mm, placement, spread_out
 from data_recipes.sampled.mesh_file import NeutralFile
 from data_recipes.sampled.segment_charts import make_mesh
 from data_recipes.shapes.control_names import WITHOUT_REGION, region_of_control
 from data_recipes.shapes.shape_acting import act_shapes
-from data_recipes.shapes.shape_file import AXES, ShapeFace, ShapeRecipe, ShapeSource, check_names, read_source
+from data_recipes.shapes.shape_file import ShapeSource, check_names, read_source
 from replicate.base.exceptions import InputError
 from replicate.base.user_files import shown_path
 

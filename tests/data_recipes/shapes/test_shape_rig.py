@@ -1,4 +1,4 @@
-"""Faces of shapes: the sum of their shapes, seams closed, what stands still beside them, and what their files may say."""
+"""Faces of shapes: sums of their shapes, their seams closed, what stands still beside them, what their files say."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_vertices_on_both_sides_of_a_seam_are_one(built):
 
 
 def test_vertices_that_coincide_and_move_apart_stay_two(tmp_path):
-    vertices, faces, uv = split_sheet()
+    vertices, faces, _ = split_sheet()
     g = Gltf(scene=0)
     shape = np.zeros_like(vertices)
     shape[: len(vertices) // 2, 1] = 3.0  # one half alone
@@ -61,7 +61,7 @@ def test_a_folder_with_a_mesh_for_each_shape_is_the_same_rig(tmp_path, built):
     _, faces, _ = split_sheet()
     lines = "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
     for name, offset in {"neutral": 0 * vertices, **shapes}.items():
-        text = "".join("v %.6f %.6f %.6f\n" % tuple(x) for x in vertices + offset)
+        text = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in vertices + offset)
         (tmp_path / f"{name}.obj").write_text(text + "g Head\n" + lines)
     other = build_rig(str(tmp_path))
     order = [[c.name for c in rig.controls].index(c.name) for c in other.controls]
@@ -98,7 +98,7 @@ def test_training_poses_stay_within_the_controls_limits(built):
 
 
 def test_joints_turn_what_their_weights_carry(tmp_path):
-    vertices, faces, uv = split_sheet()
+    vertices, faces, _ = split_sheet()
     g = Gltf(scene=0)
     count = len(vertices)
     upper = (vertices[:, 1] > 0).astype(float)
@@ -150,7 +150,7 @@ def test_the_unit_is_the_one_that_makes_a_face(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         for shape, offset in (("Neutral", 0), ("smile", 3 * np.cos(vertices / 30))):
-            text = "".join("v %.7f %.7f %.7f\n" % tuple(factor * x) for x in vertices + offset)
+            text = "".join(f"v {x:.7f} {y:.7f} {z:.7f}\n" for x, y, z in factor * (vertices + offset))
             (folder / f"{shape}.obj").write_text(text + lines)
         assert np.ptp(build_rig(str(folder)).mesh.neutral[:, 1]) == pytest.approx(180, rel=1e-3)
 
