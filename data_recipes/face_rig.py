@@ -27,6 +27,7 @@ class FaceParts:
     constants: those of each deformer, by layer; the leaves are arrays
     props: the display-only meshes at rest
     paint: a colour for each vertex
+    rigid: names of segments that are rigid by construction
     chain: the deformers
     """
 
@@ -34,6 +35,7 @@ class FaceParts:
     props: tuple[RestProp, ...]
     paint: UInt8[np.ndarray, "n 3"]
     chain: Chain
+    rigid: tuple[str, ...] = ()
 
     @cached_property
     def on_device(self) -> Any:
@@ -79,6 +81,11 @@ class FaceRig(FunctionRig):
     def nodes(self) -> tuple[Node, ...]:
         """The deformers in order, each a name and a `function(constants, state) → state`."""
         return self.face.chain.nodes
+
+    @property
+    def rigid_segments(self) -> tuple[str, ...]:
+        """Names of segments that are rigid by construction."""
+        return self.face.rigid
 
     @property
     def hard_limits(self) -> bool:

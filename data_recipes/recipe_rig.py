@@ -46,7 +46,8 @@ def build_recipe_rig(recipe: Recipe) -> FaceRig:
         names, points, regions = control_points(sculptor, recipe.control_points)
         marks, mark_regions = face_marks(sculptor)
         chain, constants = build_step(head, controls, recipe.step)
-        face = FaceParts(constants, rest_props(head), head.paint, chain)
+        teeth = tuple(name for name in mesh.segment_names if name.startswith(("tooth", "teeth")))
+        face = FaceParts(constants, rest_props(head), head.paint, chain, teeth)
     rig = FaceRig(
         name=recipe.name,
         mesh=mesh,

@@ -30,6 +30,7 @@ __all__ = [
     "check_rig",
     "frames_per_second",
     "has_function",
+    "rigid_names",
     "within_limits",
 ]
 
@@ -182,6 +183,11 @@ def has_function(rig: Rig) -> bool:
 def within_limits(rig: Rig, poses: Float32[np.ndarray, "b m"]) -> Float32[np.ndarray, "b m"]:
     """Return poses as a rig can take them: clipped to the controls' limits where these are hard, else as they are."""
     return np.clip(poses, rig.lower, rig.upper) if getattr(rig, "hard_limits", False) else poses
+
+
+def rigid_names(rig: Rig) -> tuple[str, ...]:
+    """Return the segments that a rig's author says are rigid, as teeth are; none if they say nothing."""
+    return tuple(getattr(rig, "rigid_segments", ()))
 
 
 def frames_per_second(rig: Rig) -> float:

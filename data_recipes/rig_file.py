@@ -22,7 +22,7 @@ from replicate.base.files import write_text
 from replicate.geometry.mesh import Mesh
 
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
-FORMAT = 5
+FORMAT = 6
 POINT_LABELS = ("landmark_names", "control_point_names", "control_point_regions", "face_mark_regions")
 MESH = ("neutral", "faces", "uv", "segment")
 CHAINS = {chain.name: chain for chain in (*LADDER.values(), FACEKIT, SHAPES, JOINTED)}
@@ -68,6 +68,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
         "clips": None if rig.clips is None else [clip.name for clip in rig.clips],
         "props": [[prop.name, prop.follow] for prop in rig.face.props],
         "chain": rig.face.chain.name,
+        "rigid": rig.face.rigid,
     }
     np.savez(folder / ARRAYS, allow_pickle=False, **arrays)
     write_text(folder / DESCRIPTION, json.dumps(description, indent=1) + "\n")
@@ -99,7 +100,7 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> FaceRig:
     )
     if about["chain"] not in CHAINS:
         raise ValueError(f"there is no chain {about['chain']!r}; there are {', '.join(CHAINS)}")
-    face = FaceParts(constants, props, arrays["paint"], CHAINS[about["chain"]])
+    face = FaceParts(constants, props, arrays["paint"], CHAINS[about["chain"]], tuple(about["rigid"]))
     clips = about["clips"]
     if clips is not None:
         clips = tuple(Clip(name, arrays[f"clips/{i}"]) for i, name in enumerate(clips))

@@ -22,7 +22,15 @@ from data_recipes.deformers.posed_props import NEAREST, RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.recipe.shapes import AXES, ShapeFace, ShapeRecipe
 from data_recipes.rig import Clip, check_rig
-from data_recipes.sampled.importing import CONTROL_POINTS, EYES_MM, LANDMARKS, motion_mm, placement, spread_out
+from data_recipes.sampled.importing import (
+    CONTROL_POINTS,
+    EYES_MM,
+    LANDMARKS,
+    motion_mm,
+    placement,
+    segments_named,
+    spread_out,
+)
 from data_recipes.sampled.mesh_file import NeutralFile
 from data_recipes.sampled.segment_charts import make_mesh
 from data_recipes.shapes.control_names import WITHOUT_REGION, region_of_control
@@ -198,7 +206,8 @@ def build_shape_rig(recipe: ShapeRecipe, files: Sequence[Path]) -> FaceRig:
     paint = _paint(source)
     props = _props(source, vertices + shift, ours, mesh.neutral, paint, joints)
     chain = JOINTED if len(joints["controls"]) else SHAPES
-    parts = FaceParts(constants, props, paint[kept], chain)
+    rigid = segments_named(face.rigid, mesh, where)
+    parts = FaceParts(constants, props, paint[kept], chain, rigid)
     clips = tuple(Clip(name, values) for name, values in act_shapes(controls, face.acting)) or None
     rig = _with_points(recipe, mesh, tuple(controls), clips, parts, shapes)
     return check_rig(rig, tolerance_mm=1e-3)

@@ -93,12 +93,12 @@ def find_attachments(
     """Find the rigid segments (mean of Eq. 3 below τ), and for each the `count` vertices that follow it best (Eq. 4).
 
     poses: example poses of the rig.
-    named: the rigid segments where they are known; Eq. 3 then decides nothing.
+    named: segments that are rigid whatever Eq. 3 says.
 
     Raises InputError if there are rigid segments but fewer deformable vertices than `count`.
     """
     errors = mean_segment_errors(mesh, poses)
-    rigid = np.array(sorted(named), np.int64) if named else np.flatnonzero(errors < tau_mm)
+    rigid = np.union1d(np.flatnonzero(errors < tau_mm), np.array(list(named), np.int64))
     candidates = np.flatnonzero(~np.isin(mesh.segment, rigid))
     if len(rigid) and len(candidates) < count:
         raise InputError(

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from data_recipes.recipe_paths import sample_folder
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, rigid_names
 from replicate.base.files import write_text
 from replicate.config import resolve
 from replicate.engine.provenance import as_lines, core_count, package_versions, provenance
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     import replicate.approximation.rigid
     import replicate.approximation.samples
     import replicate.approximation.segments
+
+
+RIGID_NAMES = "rigid.json"
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ def make_rig(context: StageContext) -> None:
 
     rig = build_from_parts(context.config.recipe, context.files)
     save_rig(rig, context.out / "rig")
-    rig.mesh.save(context.out / "mesh.npz")
+    _save_parts(rig, context.out)
     context.note(vertices=len(rig.mesh.neutral), faces=len(rig.mesh.faces), parameters=len(rig.controls))
 
 
@@ -60,10 +63,15 @@ def make_sampled_rig(context: StageContext) -> None:
     from data_recipes.catalogue import import_sampled
 
     rig = import_sampled(context.config.recipe, context.files, context.out / "rig", context.progress)
-    rig.mesh.save(context.out / "mesh.npz")
-    write_text(context.out / RIGID_NAMES, json.dumps(rig.rigid_segments) + "\n")
+    _save_parts(rig, context.out)
     sizes = {"vertices": len(rig.mesh.neutral), "faces": len(rig.mesh.faces), "parameters": len(rig.controls)}
     context.note(**sizes, poses=len(rig.known_poses), source=rig.source, licence=rig.licence)
+
+
+def _save_parts(rig: Rig, folder: Path) -> None:
+    """Write what stages need without the rig: its mesh, and which segments it names as rigid."""
+    rig.mesh.save(folder / "mesh.npz")
+    write_text(folder / RIGID_NAMES, json.dumps(rigid_names(rig)) + "\n")
 
 
 def load_rig(inputs: Mapping[str, Path]) -> Rig:
@@ -181,7 +189,6 @@ def load_influence(inputs: Mapping[str, Path]) -> Bool[np.ndarray, "n m"]:
 # The artefact "rigid": the segments that move rigidly, and the vertices that carry them (§3.4).
 
 ATTACHMENTS = "attachments.npz"
-RIGID_NAMES = "rigid.json"  # beside a rig whose author names them
 
 
 def rigid_stage(plan: Plan) -> Stage:
@@ -193,29 +200,30 @@ def rigid_stage(plan: Plan) -> Stage:
 def find_rigid(context: StageContext) -> None:
     """Find rigid segments, and the vertices that carry them, from all training poses (Eq. 3 and 4).
 
-    Those that would be misplaced, in training or validation poses, are left to the networks; standard error says which.
+    A segment that its vertices would misplace, in training or validation poses, is left to the networks, unless the rig
+    names it as rigid. Standard error says which.
     """
     from replicate.approximation.rigid import find_attachments, placement_errors, without
     from replicate.approximation.samples import PosedSamples
 
-    mesh, samples = load_mesh(context.inputs), load_samples(context.inputs)
-    section, names = context.config.section, context.inputs["rig"] / RIGID_NAMES
-    named = json.loads(names.read_text(encoding="utf-8")) if names.is_file() else ()
-    training, validation = PosedSamples(mesh.neutral, samples), mesh.neutral + samples.validation_offsets
+    mesh, samples, section = load_mesh(context.inputs), load_samples(context.inputs), context.config.section
+    named = json.loads((context.inputs["rig"] / RIGID_NAMES).read_text(encoding="utf-8"))
     known = [mesh.segment_names.index(name) for name in named]
+    training, validation = PosedSamples(mesh.neutral, samples), mesh.neutral + samples.validation_offsets
     found = find_attachments(mesh, training, section.tau_mm, section.attachments, known)
     errors = np.max([placement_errors(mesh, found, poses) for poses in (training, validation)], axis=0)
     misplaced = {int(k): float(error) for k, error in zip(found.segment, errors, strict=True) if error > section.tau_mm}
     for k, error in misplaced.items():
         print(
-            f"rigid segments: '{mesh.segment_names[k]}' moves rigidly, but no vertices move with it: the closest would "
-            f"misplace it by {error:.2g} mm, more than {section.tau_mm:g} mm, so networks deform it",
+            f"rigid segments: '{mesh.segment_names[k]}' moves rigidly, but no vertices move with it: the closest "
+            f"misplace it by {error:.2g} mm, more than {section.tau_mm:g} mm; "
+            + ("it is attached to them, since the rig names it as rigid" if k in known else "networks deform it"),
             file=sys.stderr,
         )
-    without(found, misplaced).save(context.out / ATTACHMENTS)
-    kept = [mesh.segment_names[k] for k in found.segment if k not in misplaced]
+    kept = without(found, misplaced.keys() - set(known))
+    kept.save(context.out / ATTACHMENTS)
     by_name = {mesh.segment_names[k]: round(error, 4) for k, error in misplaced.items()}
-    context.note(rigid_segments=kept, misplaced_mm=by_name)
+    context.note(rigid_segments=[mesh.segment_names[k] for k in kept.segment], misplaced_mm=by_name)
 
 
 def mean_rigid_errors(inputs: Mapping[str, Path]) -> Float[np.ndarray, " s"]:
