@@ -8,13 +8,13 @@ import numpy as np
 import torch
 from torch import nn
 
-from data_recipes.catalogue import build_rig
 from data_recipes.rig import Rig
 from replicate.approximation.conditioning import parameter_scale
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.approximation.samples import evaluate
 from replicate.approximation.sampling import augment, split_clips
 from replicate.baselines.dense import DenseNetwork
+from replicate.methods.artefacts import rig_of
 from replicate.methods.linear import ridge, with_constant
 
 POSES, TEST_POSES = 2_500, 200
@@ -43,7 +43,7 @@ class Face:
 @cache
 def tiny_face() -> Face:
     """Return the tiny head with poses; no test clip has a frame among the training poses."""
-    rig, rng = build_rig("tiny"), np.random.default_rng(6)
+    rig, rng = rig_of("tiny"), np.random.default_rng(6)
     animation, test = split_clips([clip.values for clip in rig.clips], rng)
     training, test = augment(animation, POSES, rng), rng.permutation(test)[:TEST_POSES]
     scale, neutral = parameter_scale(training), rig.mesh.neutral

@@ -32,10 +32,7 @@ show_picture(REFERENCE / "figure10_teen.png")
 # $\mathbf V-\mathbf V^0$ in mm.
 #
 # Ridge regression from lesson 2 gives one matrix $W$ with $\Delta\approx(\mathbf p,1)\,W$; its last row is the
-# constant. $\Delta$ are the offsets. (The head and its poses take some 20 seconds to make.)
-
-# %%
-import torch
+# constant. $\Delta$ are the offsets. (The head takes a quarter of a minute to make, the first time.)
 
 # %%
 from course import lesson6
@@ -68,6 +65,7 @@ for name, offsets in (("the face at rest", 0 * line), ("the straight line", line
 
 
 # %%
+import torch
 from torch import nn
 
 
