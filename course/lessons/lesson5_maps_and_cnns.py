@@ -89,7 +89,7 @@ check_sample(sample, parts)
 # image, a solver or a network, needs the transposed matrix too. If the vertices' errors are
 # $\mathbf y = \mathbf G I - \boldsymbol\Delta$, then
 #
-# $$\frac{\partial}{\partial I}\; \tfrac12 \|\mathbf G I - \boldsymbol\Delta\|^2 = \mathbf G^\top \mathbf y.$$
+# $$\frac{\partial}{\partial I}\; \tfrac{1}{2} \|\mathbf G I - \boldsymbol\Delta\|^2 = \mathbf G^\top \mathbf y.$$
 #
 # $\mathbf G$ gathers: a vertex collects from four pixels. $\mathbf G^\top$ scatters: a vertex gives its value to the
 # same four pixels, with the same weights, and a pixel **adds up** all that it is given. How do you know that you got it

@@ -52,10 +52,10 @@ for name, offsets in (("the face at rest", 0 * line), ("the straight line", line
 # ## 2. What a network is told: Eq. 1
 # The paper's networks minimise, for each pose, distances *and* normals:
 #
-# $$E=\frac1n\sum_{i=1}^{n}\lvert \mathbf v_i-\hat{\mathbf v}_i\rvert_1
-# +\frac{\alpha}{f}\sum_{j=1}^{f}\lvert \mathbf n_j-\hat{\mathbf n}_j\rvert_1,\qquad \alpha=5,\ \text{in mm.}$$
+# $$E=\frac1n\sum_{i=1}^{n}\|\mathbf v_i-\hat{\mathbf v}{}_i\|_1
+# +\frac{\alpha}{f}\sum_{j=1}^{f}\|\mathbf n_j-\hat{\mathbf n}{}_j\|_1,\qquad \alpha=5,\ \text{in mm.}$$
 #
-# $\lvert\cdot\rvert_1$ is the sum of the absolute values of three coordinates. $\mathbf n_j$ is the *unit* normal
+# $\|\cdot\|_1$ is the sum of the absolute values of three coordinates. $\mathbf n_j$ is the *unit* normal
 # of face $j$: the cross product of two of its edges, over its length. A batch has the mean of its poses' losses.
 #
 # **Exercise 1: the loss** (12 minutes). All in torch, so that gradients flow. A face without area has no

@@ -51,7 +51,7 @@ print(f"{(net.default == net.lower).sum()} controls rest at their lower limit")
 # %% [markdown]
 # ## A Jacobian you can trust
 #
-# $J_{ij} = \partial \tilde r_i / \partial p_j$ says by how many mm the place $i$ moves when control $j$ moves by one
+# $J_{ij} = \partial \tilde r{}_i / \partial p_j$ says by how many mm the place $i$ moves when control $j$ moves by one
 # unit. You can estimate it for any closed function that you may ask twice for each control:
 #
 # $$J_{\cdot j} \approx \frac{\tilde r(p + h\,e_j) - \tilde r(p - h\,e_j)}{2h}.$$
@@ -280,12 +280,12 @@ move(pulled, sliders, stills, Words("Three faces, posed by their points.", "Your
 # ## Networks that have learned it
 #
 # The paper finds such rounds too slow for dragging, and trains networks instead: points in, controls out, one for
-# each region of the face, $p = f_{IK}(\bar V_C)$ (Eq. 7). They never see a right answer. The loss sends their
+# each region of the face, $p = f_{IK}(\bar V{}_C)$ (Eq. 7). They never see a right answer. The loss sends their
 # controls through the frozen approximation and compares *points*, plus $\lambda$ times the size of the controls (Eq.
 # 8):
 #
-# $$\mathcal L = \frac1{|C|}\sum_{i\in C} \lVert \tilde r_i(f_{IK}(\bar V_C)) - \bar v_i\rVert_1
-# + \lambda\,\lVert (p - p^0)\odot s\rVert_1, \qquad p = f_{IK}(\bar V_C).$$
+# $$\mathcal L = \frac1{|C|}\sum_{i\in C} \lVert \tilde r{}_i(f_{IK}(\bar V{}_C)) - \bar v{}_i\rVert_1
+# + \lambda\,\lVert (p - p^0)\odot s\rVert_1, \qquad p = f_{IK}(\bar V{}_C).$$
 #
 # $p^0$ are the controls at rest, and $s$ weighs each by one over its range, so that $\lambda$ is in mm (the suite's
 # descent has 0.02 mm). The gradient of the first term is $J^{\mathsf T}$ of this lesson times the signs of what is
