@@ -48,7 +48,7 @@ show(*lesson3.one_by_one(rig.mesh, lesson3.spread(suites, few, face), 6))
 # Points are **rows** in this course, as in the suite: $\mathbf v\,\mathbf R$, not $\mathbf R\,\mathbf v$. Weights
 # belong to the character, motions to a pose. Games store at most 4 bones a vertex, and pose thousands of
 # characters with this one formula.
-
+#
 # In NumPy that is two lines. Read them until you know what each index stands for; you will turn them round below.
 
 
@@ -64,8 +64,8 @@ def skin(rest, R, t, w):
 
 
 # %% [markdown]
-# Here it moves a tube with two bones: the left one stays, the right one turns about the tube's axis and
-# bends. In the middle, weights go from one bone to the other in a straight line.
+# Here it moves a tube with two bones: the left one stays, the right one turns about the tube's axis and bends. In the
+# middle, weights go from one bone to the other in a straight line.
 #
 # **Guess** first: what is left of the tube's radius, halfway, at a twist of 90 degrees? Then look.
 
@@ -267,7 +267,7 @@ def alternate(rest, poses, bones, iterations):
     return w, motions, errors
 
 
-# %% check="alternate" points=3
+# %% check="alternate" points=2
 check_alternate(alternate, face)
 
 # %% [markdown]
