@@ -89,8 +89,8 @@ move(
 #
 # A blend of the answers is an answer of the blended matrix: $\sum_b w_b (\mathbf v \mathbf R_b + \mathbf t_b) = \mathbf
 # v\,(\sum_b w_b \mathbf R_b) + \ldots$ And **a mean of rotations is not a rotation**. Halfway between 0° and 180° it is
-# $\tfrac{1}{2}(\mathbf I + \mathbf R)$, which sends everything at right angles to the axis to zero. At an angle $\varphi$
-# the radius is $\cos(\varphi/2)$ of what it was. A face twists little, so it loses little there; its trouble is
+# $\tfrac{1}{2}(\mathbf I + \mathbf R)$, which sends everything at right angles to the axis to zero. At an angle
+# $\varphi$ the radius is $\cos(\varphi/2)$ of what it was. A face twists little, so it loses little there; its trouble is
 # another one, and you will see it below. Dual quaternions (under *Go further*) mend the tube.
 # </details>
 
