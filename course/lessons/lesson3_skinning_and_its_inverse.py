@@ -90,8 +90,8 @@ move(
 # A blend of the answers is an answer of the blended matrix: $\sum_b w_b (\mathbf v \mathbf R_b + \mathbf t_b) = \mathbf
 # v\,(\sum_b w_b \mathbf R_b) + \ldots$ And **a mean of rotations is not a rotation**. Halfway between 0° and 180° it is
 # $\tfrac{1}{2}(\mathbf I + \mathbf R)$, which sends everything at right angles to the axis to zero. At an angle
-# $\varphi$ the radius is $\cos(\varphi/2)$ of what it was. A face twists little, so it loses little there; its trouble is
-# another one, and you will see it below. Dual quaternions (under *Go further*) mend the tube.
+# $\varphi$ the radius is $\cos(\varphi/2)$ of what it was. A face twists little, so it loses little there; its trouble
+# is another one, and you will see it below. Dual quaternions (under *Go further*) mend the tube.
 # </details>
 
 # %% [markdown]
@@ -105,13 +105,13 @@ move(
 #
 # Kabsch's answer has four lines:
 #
-# 1. Subtract the means $\bar{\mathbf s}$ and $\bar{\mathbf q}$. What is left to find is $\mathbf R$.
+# 1. Subtract the means $\overline{\mathbf s}$ and $\overline{\mathbf q}$. What is left to find is $\mathbf R$.
 # 2. Multiply out: all that depends on $\mathbf R$ is $\operatorname{tr}(\mathbf R^\top \mathbf H)$, to be as large as
-#    can be, with $\mathbf H = \sum_i (\mathbf s_i - \bar{\mathbf s})^\top (\mathbf q_i - \bar{\mathbf q})$, a 3×3
-#    matrix.
+#    can be, with $\mathbf H = \sum_i (\mathbf s_i - \overline{\mathbf s})^\top (\mathbf q_i - \overline{\mathbf q})$, a
+#    3×3 matrix.
 # 3. With $\mathbf H = \mathbf U \boldsymbol\Sigma \mathbf V^\top$ it is $\mathbf R = \mathbf U \mathbf D \mathbf
 #    V^\top$, where $\mathbf D = \operatorname{diag}(1, 1, \det \mathbf U \cdot \det \mathbf V)$.
-# 4. $\mathbf t = \bar{\mathbf q} - \bar{\mathbf s}\,\mathbf R$.
+# 4. $\mathbf t = \overline{\mathbf q} - \overline{\mathbf s}\,\mathbf R$.
 #
 # Why line 3? The trace is $\operatorname{tr}(\mathbf Q \boldsymbol\Sigma)$ with $\mathbf Q = \mathbf V^\top \mathbf
 # R^\top \mathbf U$, which is orthogonal, whatever $\mathbf R$ is. No entry of such a matrix is above 1, so the trace is
