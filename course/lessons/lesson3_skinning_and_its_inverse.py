@@ -33,8 +33,9 @@ from replicate.report.notebooks import show
 
 BONES = 16
 few = np.sort(np.random.default_rng(3).choice(len(face.rest), 1500, replace=False))
-suites, suites_mm = lesson3.suites_bones(face, few, BONES)  # weights (1500, 16), and their RMSE
-show(*lesson3.one_by_one(rig.mesh, lesson3.spread(suites, few, face), 6))
+suites, suites_mm = lesson3.suites_bones(face, few, BONES)  # their weights, and an error for later
+w = lesson3.spread(suites, few, face)  # weights (n, 16) of all vertices
+show(*lesson3.one_by_one(rig.mesh, w, 6))
 
 # %% [markdown]
 # ## Forward: linear blend skinning
