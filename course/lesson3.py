@@ -7,23 +7,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import cKDTree
 
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.approximation.samples import choose_poses, evaluate
 from replicate.base.paths import REFERENCE
 from replicate.baselines.skinning.bones import sweep_reference, weighted_points
-from replicate.baselines.skinning.ssdr import Skin, fit, refit
+from replicate.baselines.skinning.ssdr import fit, refit
 from replicate.config import SamplesConfig
 from replicate.drawing.heatmap import normal_bar, normal_heat
 from replicate.drawing.light import RAKING
-from replicate.drawing.panels import Words, panel_grid, tidy
+from replicate.drawing.panels import Words, enlarge, panel_grid, tidy
 from replicate.drawing.render import render
-from replicate.drawing.scene import Camera, Surface, camera_for, forehead_camera
+from replicate.drawing.scene import Camera, Surface, camera_for, faces_in_view, forehead_camera
+from replicate.geometry.mesh import Mesh
 from replicate.report.pose_record import PoseRecord, load_pose, pose_file
-from replicate.targets.lbs import bone_colours
+from replicate.targets.lbs import weight_colours
 
 if TYPE_CHECKING:
+    import matplotlib.axes
     import matplotlib.figure
 
 Motions = tuple[np.ndarray, np.ndarray]  # rotations (f, bones, 3, 3), translations (f, bones, 3) in mm: v R + t
@@ -129,12 +132,21 @@ def still(poses: int, bones: int) -> Motions:
     return np.tile(np.eye(3), (poses, bones, 1, 1)), np.zeros((poses, bones, 3))
 
 
-def suites_rmse(face: Examples, vertices: np.ndarray, bones: int) -> float:
-    """Return the RMSE in mm that the suite's own SSDR ends at on some vertices, with four bones a vertex."""
+def suites_bones(face: Examples, vertices: np.ndarray, bones: int) -> tuple[np.ndarray, float]:
+    """Return weights (v, bones) that the suite's own SSDR finds on some vertices, four a vertex, and its RMSE in mm."""
     rest, poses = face.rest[vertices], face.training[:, vertices]
     settings = {"influences": 4, "iterations": ITERATIONS // 2, "relaxed": ITERATIONS // 2, "coherence": 0.0}
     skin = fit(rest, poses, bones, np.random.default_rng(3), **settings)
-    return float(np.sqrt((vertex_error(skin.deform(*refit(skin, poses)), poses) ** 2).mean(dtype=float)))
+    error = vertex_error(skin.deform(*refit(skin, poses)), poses)
+    return skin.dense_weights(), float(np.sqrt((error**2).mean(dtype=float)))
+
+
+def spread(weights: Float[np.ndarray, "v bones"], vertices: np.ndarray, face: Examples) -> Float[np.ndarray, "n bones"]:
+    """Return weights of all vertices from those of some: means over the nearest that move like them."""
+    course = np.concatenate([face.rest[None], face.training[:10]]).transpose(1, 0, 2).reshape(len(face.rest), -1)
+    distance, near = cKDTree(course[vertices]).query(course, 5)
+    share = 1 / (1 + distance)
+    return np.einsum("nk,nkb->nb", share / share.sum(1, keepdims=True), weights[near])
 
 
 def wrinkled_pose() -> PoseRecord:
@@ -184,22 +196,29 @@ def rigid_chart(errors_mm: Mapping[str, float], tau_mm: float) -> "tuple[matplot
     """Return (figure, words): how far each part of the face is from a rigid motion; errors_mm: by the parts' names."""
     from matplotlib.figure import Figure
 
-    ordered = dict(sorted(errors_mm.items(), key=lambda item: -item[1]))
-    figure = Figure((8.5, 3.5), dpi=100, layout="constrained")
+    teeth = [error for name, error in errors_mm.items() if name.startswith("tooth")]
+    bars = {name.replace("_", " "): error for name, error in errors_mm.items() if not name.startswith("tooth")}
+    bars |= {f"{len(teeth)} teeth,\nthe worst": max(teeth)} if teeth else {}
+    ordered = dict(sorted(bars.items(), key=lambda item: -item[1]))
+    figure = Figure((8.5, 3.8), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     colours = ["#D55E00" if error >= tau_mm else "#0072B2" for error in ordered.values()]
     axes.bar(range(len(ordered)), [max(error, 1e-6) for error in ordered.values()], color=colours)
     axes.set_yscale("log")
     axes.axhline(tau_mm, color="#444444", linestyle="--", linewidth=1)
-    axes.text(len(ordered) - 0.5, 1.3 * tau_mm, f"τ = {tau_mm:g} mm", ha="right", fontsize=11)
-    axes.set_xticks(range(len(ordered)), [name.replace("_", " ") for name in ordered], rotation=90, fontsize=8)
+    axes.text(len(ordered) - 1.45, 1.3 * tau_mm, f"τ = {tau_mm:g} mm")  # above the teeth
+    axes.set_xlim(-0.6, len(ordered) + 0.2)
+    axes.set_xticks(range(len(ordered)), list(ordered), rotation=35, ha="right", rotation_mode="anchor")
     axes.set_ylabel("residual of Eq. 3, mm (log)")
     tidy(axes)
-    rigid = [error for error in ordered.values() if error < tau_mm]
+    enlarge(axes, 12)
+    rigid = sum(error < tau_mm for error in errors_mm.values())
     return figure, Words(
-        f"Bars, one for each of {len(ordered)} parts; {len(rigid)} are below the line at {tau_mm:g} mm.",
-        f"What your alignment leaves of each part, the mean over poses. Blue: below τ = {tau_mm:g} mm, so it moves as "
-        f"a rigid body and needs no network; that is {len(rigid)} of {len(ordered)} parts. Orange: it deforms.",
+        f"A bar for each part of the face, one for all teeth; {rigid} of {len(errors_mm)} parts are below the dashed "
+        f"line at {tau_mm:g} mm.",
+        f"What your alignment leaves of each part, the mean over poses. Dashed: τ = {tau_mm:g} mm. Blue: below it, so "
+        f"the part moves as a rigid body and needs no network; that is {rigid} of {len(errors_mm)} parts. Orange: it "
+        "deforms.",
     )
 
 
@@ -216,25 +235,40 @@ def course_chart(errors_mm: Sequence[float], suite_mm: float) -> "tuple[matplotl
     tidy(axes)
     return figure, Words(
         f"The error falls from {errors_mm[0]:.2f} mm to {errors_mm[-1]:.2f} mm; a dashed line at {suite_mm:.2f} mm.",
-        f"Your fit, from clusters ({errors_mm[0]:.2f} mm) to {errors_mm[-1]:.2f} mm. Dashed: {suite_mm:.2f} mm, where "
-        "the suite's own SSDR ends on the same vertices and poses, with the same number of bones and weights.",
+        f"Your fit, from clusters ({errors_mm[0]:.2f} mm) to {errors_mm[-1]:.2f} mm after {len(errors_mm) - 1} "
+        f"iterations. Dashed: {suite_mm:.2f} mm, where the suite's own SSDR ends after {ITERATIONS}, on the same "
+        "vertices and poses, with as many bones and weights. It also starts more cleverly, and extrapolates its steps.",
     )
 
 
-BY_BONE = Words(
-    "The teen's head at rest, twice, painted in soft patches of colours.",
-    "Your bones: a vertex has the mixed colours of the bones that move it. Left as the nearest of the 1,500 vertices "
-    "that were fitted, right by its own weights.",
-)
+def one_by_one(
+    mesh: Mesh, weights: Float[np.ndarray, "n bones"], count: int, width: int = 158
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the bones that are seen most from the front, one a picture, six in a row."""
+    camera = camera_for("front", mesh.neutral)
+    seen = np.unique(mesh.faces[faces_in_view(mesh.neutral, mesh.faces, camera)])
+    shown = np.argsort(-(weights[seen] ** 2).sum(0), kind="stable")[:count]
+    draw = partial(render, camera=camera, width=width, height=round(1.17 * width))
+    pictures = [draw([Surface(mesh.neutral, mesh.faces, paint=weight_colours(weights[:, b]))]) for b in shown]
+    led = (weights > 0.5).sum(0)
+    titles = [f"bone {b}: {led[b]:,}" for b in shown]
+    rows = range(0, len(shown), 6)
+    return panel_grid([pictures[k : k + 6] for k in rows], [titles[k : k + 6] for k in rows]), Words(
+        f"The head at rest {len(shown)} times, each time one bone's weights in red; {'; '.join(titles)} vertices.",
+        f"The {len(shown)} of {weights.shape[1]} bones that are seen most from the front, one a picture: the redder a "
+        "vertex, the larger the bone's weight. Above each: its number, and how many vertices follow it by more than "
+        "half (`(w > 0.5).sum(0)` counts them).",
+    )
 
 
-def painted(rest: np.ndarray, faces: np.ndarray, weights: np.ndarray, width: int = 340) -> np.ndarray:
-    """Return a picture of a face at rest, its vertices in the colours of their bones."""
-    bones = weights.shape[1]
-    index = np.tile(np.arange(bones, dtype=np.int32), (len(rest), 1))
-    paint = bone_colours(Skin(rest, index, weights.astype(np.float32), bones))
-    camera = camera_for("three_quarter", rest)
-    return render([Surface(rest, faces, paint=paint)], camera, width, round(1.1 * width), studio=RAKING)
+def tear(record: PoseRecord, guess: np.ndarray) -> tuple[int, int]:
+    """Return the two ends of the edge on the forehead along which the error of vertices (n, 3), mm, jumps most."""
+    truth, faces = record.vertices["truth"], record.faces
+    shown = faces[faces_in_view(truth, faces, forehead_camera(record.neutral, faces, truth))]
+    edges = np.concatenate([shown[:, [0, 1]], shown[:, [1, 2]], shown[:, [2, 0]]])
+    error = guess - truth
+    one, other = edges[np.argmax(np.linalg.norm(error[edges[:, 0]] - error[edges[:, 1]], axis=1))]
+    return int(one), int(other)
 
 
 def forehead_row(
@@ -255,9 +289,12 @@ def forehead_row(
         f"{np.nanmean(normal_error(np.float32(v), truth, faces)):.2f}°"
         for title, v in guesses.items()
     ]
-    figure = panel_grid(
-        [clay, heat], list(shown), ("surface", "normal error"), (1, 1, partial(normal_bar, limit_deg=limit_deg))
-    )
+
+    def bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes") -> None:
+        normal_bar(figure, axes, limit_deg)
+        axes.set_ylabel("degrees")  # the row says of what
+
+    figure = panel_grid([clay, heat], list(shown), ("surface", "normal error"), (1, 1, bar))
     return figure, Words(
         f"A wrinkled forehead: the rig's and {', '.join(guesses)}; below, errors of the normals in colours.",
         f"A test pose with folds. Means over the whole head: {'; '.join(means)}.",

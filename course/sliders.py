@@ -27,16 +27,24 @@ def move(
 
     show(beside([draw(**still) for still in stills]), words)
     handles = {
-        name: ipywidgets.FloatSlider(value=start, min=low, max=high, step=(high - low) / 50, continuous_update=False)
+        name: ipywidgets.FloatSlider(
+            description=name.replace("_", " "),
+            value=start,
+            min=low,
+            max=high,
+            step=(high - low) / 50,
+            continuous_update=False,
+            style={"description_width": "initial"},  # as wide as the name
+        )
         for name, (low, high, start) in sliders.items()
     }
-    picture = ipywidgets.Image(format="png")  # no Output widget: a notebook that is run without a page may wait for it
+    # no Output widget: a notebook that is run without a page may wait for it; and not stretched to the page's width
+    picture = ipywidgets.Image(format="png", layout={"align_self": "flex-start"})
 
     def follow(change: object = None) -> None:
         picture.value = png(draw(**{name: handle.value for name, handle in handles.items()}), words)
 
-    for name, handle in handles.items():
-        handle.description = name.replace("_", " ")
+    for handle in handles.values():
         handle.observe(follow, "value")
     follow()
     display(ipywidgets.VBox([*handles.values(), picture]))

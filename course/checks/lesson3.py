@@ -1,4 +1,4 @@
-"""What lesson 3 asks for: a skin, an alignment that never mirrors, sparse convex weights, and their alternation."""
+"""What lesson 3 asks for: an alignment that never mirrors, sparse convex weights, and their alternation."""
 
 from collections.abc import Callable
 
@@ -13,45 +13,10 @@ from replicate.baselines.skinning.weights import solve_reference
 from replicate.geometry.alignment import align as suites_align
 from replicate.geometry.alignment import nearest_rotation
 
-NEAR_MM = 1e-3  # the suite's skin and poses are in single precision
 MOST = 4  # bones a vertex
 ROUNDING = 1e-9
 CLOSE = 1.10  # of the suite's squared error, at most, over many vertices
 NEAR_FIT = 1.35  # of the RMSE of the suite's fit
-
-
-def check_skin(skin: Callable) -> None:
-    """Require a blend of rigid motions that equals the suite's."""
-    generator = np.random.default_rng(3)
-    rest, weights = generator.normal(0, 40, (50, 3)), generator.dirichlet(np.ones(4), 50)
-    rotations = nearest_rotation(generator.normal(size=(4, 3, 3)))
-    translations = generator.normal(0, 5, (4, 3))
-    arguments = rest, rotations, translations, weights
-    before = [each.copy() for each in arguments]
-    found = _array(skin(*arguments), rest.shape, "skin")
-    _kept(arguments, before)
-    index = np.tile(np.arange(4, dtype=np.int32), (50, 1))
-    suites = ssdr.Skin(rest.astype(np.float32), index, weights.astype(np.float32), 4)
-
-    def theirs(turns: np.ndarray, shifts: np.ndarray = translations) -> np.ndarray:
-        return suites.deform(turns[None], shifts[None])[0]
-
-    def is_near(other: np.ndarray) -> bool:
-        return bool(np.abs(found - other).max() < NEAR_MM)
-
-    nothing = np.zeros_like(translations)
-    require(
-        not is_near(theirs(rotations.swapaxes(1, 2))),
-        "Your rotations are transposed: here points are rows, so a bone takes v to v R + t, with v on the left.",
-    )
-    require(not is_near(theirs(rotations, nothing)), "Your skin leaves the translations out: each bone adds t, too.")
-    require(
-        not is_near(theirs(rotations, nothing) + translations.sum(0)),
-        "Your translations are added without weights: w multiplies all of v R + t.",
-    )
-    off = float(np.abs(found - theirs(rotations)).max())
-    require(off < NEAR_MM, f"Your skin is {off:.3g} mm off the suite's: move the point by each bone, then blend by w.")
-    passed(f"your skin equals the suite's within {off:.1g} mm on 50 points and 4 bones")
 
 
 def check_align(align: Callable, face: Examples) -> None:
@@ -148,6 +113,14 @@ def check_weights(weights: Callable, face: Examples) -> None:
         f"Bones 1 and 4 can carry this vertex exactly, by ¾ and ¼; yours are {np.round(found, 2)}: did you divide by "
         "the sum after nnls, and does the last row of the matrix have the 1 on its right side?",
     )
+    # A vertex for which the best weights of any sign are not all positive.
+    left, old = generator.normal([0.2, 0.5, 1.0, 1.5], 1, (12, MOST)), np.eye(MOST)[3]
+    found = _is_convex(weights(left, old), left, old)
+    require(
+        np.abs(found - _clipped(left)).max() > 1e-4,
+        "You solve for weights of any sign and clip them at zero: the bones that are left then have the weights that "
+        "suited them beside the negative ones; nnls solves again without those.",
+    )
     _check_choice(weights)
     # A vertex whose four bones are better than the four that are largest among all.
     left, old = _trap()
@@ -176,6 +149,12 @@ def check_weights(weights: Callable, face: Examples) -> None:
         "your weights are convex, at most four a vertex, never worse than before; their squared error is "
         f"{ours / theirs:.3f} of the suite's on {len(places)} vertices"
     )
+
+
+def _clipped(left: np.ndarray) -> np.ndarray:
+    """Return what clipping at zero makes of the least squares whose weights may be negative."""
+    ones = np.linalg.lstsq(np.vstack([left, np.ones(left.shape[1])]), np.append(np.zeros(len(left)), 1.0))[0]
+    return np.maximum(ones, 0) / np.maximum(ones, 0).sum()
 
 
 def _check_choice(weights: Callable) -> None:
@@ -248,6 +227,11 @@ def _energy(left: np.ndarray, weights: np.ndarray) -> float:
 
 def _is_convex(found: object, left: np.ndarray, old: np.ndarray) -> np.ndarray:
     """Return an answer as an array once it is non-negative, sums to one and has at most four weights."""
+    require(
+        not isinstance(found, np.ndarray) or (np.isfinite(found).all() and found.any()),
+        "Your weights are 0, or NaN once they are divided by their sum: nothing but x = 0 is asked for without the row "
+        "of ones below S and the 1 at the end of the right side.",
+    )
     found = _array(found, old.shape, "weights")
     require(
         (found >= -ROUNDING).all(), f"One of your weights is {found.min():.2g}: none may be negative (nnls sees to it)."

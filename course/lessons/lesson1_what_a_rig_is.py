@@ -61,6 +61,12 @@ print("the chain:", " → ".join(node.name for node in rig.nodes))
 #
 # **Look** at the first picture again. Which node makes the smile? Which one opens the mouth? The lower teeth stay up
 # until the last node. What would you see if *wrinkles* ran first?
+# <details><summary>Answer</summary>
+#
+# *Pose curves* makes the smile, *jaw* opens the mouth, and after it *lip contact* and *flesh* put lips and skin right.
+# If *wrinkles* ran first, you would see a smooth forehead: the node measures how much skin is compressed, and nothing
+# is yet.
+# </details>
 #
 # You will now write two nodes of this chain, and put them into the teen.
 
@@ -229,11 +235,16 @@ curves = {
 show(*bend_chart(SIZES, curves))
 
 # %% [markdown]
-# **Look.** Without contact the jaw is a curve as Taylor has it: a quarter each time. With contact it has a **rounded
-# kink** at $t$ of about 0.02 to 0.1: at first the closed lips move as if nothing were between them, then they
-# part, and from there on each is on its own. Above that place 0.35 to 0.42 remains each time; below it, the
+# **Look.** Which of the curves leave a quarter each time, as Taylor says? Where do the others leave more, and what
+# happens on the face there?
+# <details><summary>Answer</summary>
+#
+# Without contact the jaw is a curve as Taylor has it: a quarter each time. So is the smile. With contact the jaw has a
+# **rounded kink** at $t$ of about 0.02 to 0.1: at first the closed lips move as if nothing were between them, then
+# they part, and from there on each is on its own. Above that place 0.35 to 0.42 remains each time; below it, the
 # bend falls by more than Taylor's quarter, for the kink no longer adds to it. Raised brows start as a curve, too; near
 # $t = 1/16$ the forehead begins to fold, and the folds deepen less and less.
+# </details>
 #
 # ## Two sliders at once
 #
@@ -258,10 +269,16 @@ views = {
 show(*heat_row(rig, views))
 
 # %% [markdown]
-# **Look.** The jaw turns along an arc (drawn `loose`: with contact, the lips alone would fill the scale). The two
-# patches over the raised brows are there without the node *wrinkles*, too: skin slides along the curved skull, and soft
-# limits do their part. Only the lines on the forehead are folds. On the right, two controls are multiplied. Lesson 2
-# asks how much of all that a straight line can still catch.
+# **Look.** Three reasons not to be linear, one a picture: which? (The jaw is drawn `loose`: with contact, the lips
+# alone would fill the scale.)
+# <details><summary>Answer</summary>
+#
+# The jaw turns, so its points go along an arc. The two patches over the raised brows are there without the node
+# *wrinkles*, too: skin slides along the curved skull, and soft limits do their part; only the lines on the forehead are
+# folds. On the right, two controls are multiplied.
+# </details>
+#
+# Lesson 2 asks how much of all that a straight line can still catch.
 
 # %% [markdown] think="order"
 # **Think.** Wrinkles run after jaw, lids and flesh, but before the node *head shape*, which squashes and stretches

@@ -1,27 +1,21 @@
 # %% [markdown]
 # # Lesson 3: Skinning and its inverse
 #
-# **90 minutes. You need** lessons 1 and 2, least squares and the singular value decomposition. **Afterwards you can**
+# **75 minutes. You need** lessons 1 and 2, least squares and the singular value decomposition. **Afterwards you can**
 #
-# - move a mesh by a few rigid bones, and say where that must fail,
+# - say how a few rigid bones move a mesh, and where that must fail,
 # - find the rotation that best aligns two point sets, and never get a mirror image instead,
 # - find bones *and* weights from nothing but example poses, by two steps that take turns.
 #
-# **The question: how much of a face is a handful of rigid bones?** Here is a part of the answer, which you can find
+# **The question: how much of a face is a handful of rigid bones?** Below is a part of the answer, which you can find
 # yourself by the end: six of sixteen bones of the teen. Nobody painted any of it.
-
-# %%
-from replicate.report.notebooks import figure_files, show, show_picture
-
-_, bones_found, *_ = figure_files("reference", "lbs")["teen"]
-show_picture(bones_found)
 
 # %%
 import numpy as np
 
 # %%
 from course import lesson3
-from course.checks.lesson3 import check_align, check_alternate, check_skin, check_weights
+from course.checks.lesson3 import check_align, check_alternate, check_weights
 
 # %%
 from replicate.methods.artefacts import rig_of
@@ -29,6 +23,19 @@ from replicate.methods.artefacts import rig_of
 rig = rig_of("teen")  # the first time it is built: a quarter of a minute
 face = lesson3.examples(rig)
 print(f"{len(face.training)} poses to fit to, of {len(face.rest):,} vertices each, in mm")
+
+# %% [markdown]
+# 16 bones, found from every eighth vertex or so: that is enough to know how bones move, and takes seconds. You will
+# find yours from the same vertices.
+
+# %%
+from replicate.report.notebooks import show
+
+BONES = 16
+few = np.sort(np.random.default_rng(3).choice(len(face.rest), 1500, replace=False))
+suites, suites_mm = lesson3.suites_bones(face, few, BONES)  # their weights, and an error for later
+w = lesson3.spread(suites, few, face)  # weights (n, 16) of all vertices
+show(*lesson3.one_by_one(rig.mesh, w, 6))
 
 # %% [markdown]
 # ## Forward: linear blend skinning
@@ -42,27 +49,24 @@ print(f"{len(face.training)} poses to fit to, of {len(face.rest):,} vertices eac
 # Points are **rows** in this course, as in the suite: $\mathbf v\,\mathbf R$, not $\mathbf R\,\mathbf v$. Weights
 # belong to the character, motions to a pose. Games store at most 4 bones a vertex, and pose thousands of
 # characters with this one formula.
+#
+# In NumPy that is two lines. Read them until you know what each index stands for; you will turn them round below.
 
 
-# %% exercise="skin"
+# %%
 def skin(rest, R, t, w):
     """Return the vertices of one pose, (n, 3) mm, by the formula above.
 
     rest: (n, 3) mm, the vertices at rest. w: (n, B) weights.
     R: (B, 3, 3) rotations, t: (B, 3) mm, translations.
     """
-    ### BEGIN SOLUTION
     by_each_bone = np.einsum("ni,bij->nbj", rest, R) + t
     return np.einsum("nb,nbj->nj", w, by_each_bone)
-    ### END SOLUTION
 
-
-# %% check="skin" points=1
-check_skin(skin)
 
 # %% [markdown]
-# Your function now moves a tube. It has two bones: the left one stays, the right one turns about the tube's axis and
-# bends. In the middle, weights go from one bone to the other in a straight line.
+# Here it moves a tube with two bones: the left one stays, the right one turns about the tube's axis and bends. In the
+# middle, weights go from one bone to the other in a straight line.
 #
 # **Guess** first: what is left of the tube's radius, halfway, at a twist of 90 degrees? Then look.
 
@@ -86,9 +90,9 @@ move(
 #
 # A blend of the answers is an answer of the blended matrix: $\sum_b w_b (\mathbf v \mathbf R_b + \mathbf t_b) = \mathbf
 # v\,(\sum_b w_b \mathbf R_b) + \ldots$ And **a mean of rotations is not a rotation**. Halfway between 0° and 180° it is
-# $\tfrac12(\mathbf I + \mathbf R) $, which sends everything at right angles to the axis to zero. At an angle $\varphi$
-# the radius is $\cos(\varphi/2)$ of what it was. A face twists little, so it loses little there; its trouble is
-# another one, and you will see it below. Dual quaternions (under *Go further*) mend the tube.
+# $\tfrac{1}{2}(\mathbf I + \mathbf R)$, which sends everything at right angles to the axis to zero. At an angle
+# $\varphi$ the radius is $\cos(\varphi/2)$ of what it was. A face twists little, so it loses little there; its trouble
+# is another one, and you will see it below. Dual quaternions (under *Go further*) mend the tube.
 # </details>
 
 # %% [markdown]
@@ -102,17 +106,22 @@ move(
 #
 # Kabsch's answer has four lines:
 #
-# 1. Subtract the means $\bar{\mathbf s}$ and $\bar{\mathbf q}$. What is left to find is $\mathbf R$.
+# 1. Subtract the means $\overline{\mathbf s}$ and $\overline{\mathbf q}$. What is left to find is $\mathbf R$.
 # 2. Multiply out: all that depends on $\mathbf R$ is $\operatorname{tr}(\mathbf R^\top \mathbf H)$, to be as large as
-#    can be, with $\mathbf H = \sum_i (\mathbf s_i - \bar{\mathbf s})^\top (\mathbf q_i - \bar{\mathbf q})$, a 3×3
-#    matrix.
+#    can be, with $\mathbf H = \sum_i (\mathbf s_i - \overline{\mathbf s})^\top (\mathbf q_i - \overline{\mathbf q})$, a
+#    3×3 matrix.
 # 3. With $\mathbf H = \mathbf U \boldsymbol\Sigma \mathbf V^\top$ it is $\mathbf R = \mathbf U \mathbf D \mathbf
 #    V^\top$, where $\mathbf D = \operatorname{diag}(1, 1, \det \mathbf U \cdot \det \mathbf V)$.
-# 4. $\mathbf t = \bar{\mathbf q} - \bar{\mathbf s}\,\mathbf R$.
+# 4. $\mathbf t = \overline{\mathbf q} - \overline{\mathbf s}\,\mathbf R$.
 #
-# Without $\mathbf D$ you get the best *orthogonal* matrix. Flat or noisy points may prefer a mirror image, and a tooth
-# that is mirrored is worse than a tooth that is 0.1 mm off. $\mathbf D$ gives up the direction that costs least: the
-# last one, as NumPy sorts singular values from large to small.
+# Why line 3? The trace is $\operatorname{tr}(\mathbf Q \boldsymbol\Sigma)$ with $\mathbf Q = \mathbf V^\top \mathbf
+# R^\top \mathbf U$, which is orthogonal, whatever $\mathbf R$ is. No entry of such a matrix is above 1, so the trace is
+# at most $\sigma_1 + \sigma_2 + \sigma_3$, and $\mathbf Q = \mathbf I$ reaches that: $\mathbf R = \mathbf U \mathbf
+# V^\top$.
+#
+# But without $\mathbf D$ you get the best *orthogonal* matrix. Flat or noisy points may prefer a mirror image, and a
+# tooth that is mirrored is worse than a tooth that is 0.1 mm off. $\mathbf D$ gives up the direction that costs least:
+# the last one, as NumPy sorts singular values from large to small.
 
 
 # %% exercise="align"
@@ -148,17 +157,29 @@ for part, name in enumerate(face.names):
 show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 
 # %% [markdown]
-# **Look.** The rig's teeth are rigid to the last digits of single precision. Which part comes next? (It holds both
-# ears: would one alone be more rigid?) Raise $\tau$ until it counts as rigid, and ask whether you would accept that on
-# a cinema screen.
+# **Look.** The rig's teeth are rigid to the last digits of single precision. Which part comes next? It holds both
+# ears: would one alone be more rigid? Raise $\tau$ until it counts as rigid, and ask whether you would accept that on a
+# cinema screen.
+# <details><summary>Answer</summary>
+#
+# The ears, which leave about a millimetre. One alone leaves about half of that, for the two also move apart:
+#
+# ```python
+# one = (face.segment == face.names.index("ears")) & (face.rest[:, 0] > 0)
+# ```
+#
+# That is still above $\tau$. On a screen a head may be ten metres high, forty times its size: a millimetre is four
+# centimetres there, and an ear that slides so far against the hair is seen. A limit in millimetres has to know the
+# screen.
+# </details>
 #
 # ## Backward, one vertex: the weights
 #
 # Now the other half. Suppose that all bones' motions are known. Which weights suit a vertex? Let bone $b$ carry it
 # **alone**, and write what remains in all $f$ poses into one long column:
 #
-# $$\mathbf s_b = \begin{pmatrix} \text{pose 1} - (\mathbf v^0 \mathbf R_b^{(1)} + \mathbf t_b^{(1)}) \\ \vdots
-# \end{pmatrix} \in \mathbb R^{3f}, \qquad \mathbf S = [\mathbf s_1 \ldots \mathbf s_B].$$
+# $$\mathbf r_b = \begin{pmatrix} \text{pose 1} - (\mathbf v^0 \mathbf R_b^{(1)} + \mathbf t_b^{(1)}) \\ \vdots
+# \end{pmatrix} \in \mathbb R^{3f}, \qquad \mathbf S = [\mathbf r_1 \ldots \mathbf r_B].$$
 #
 # Because the weights sum to one, the blend leaves exactly $\mathbf S \mathbf w$. So each vertex has a small problem of
 # its own, and all it knows of the face is its $\mathbf S$:
@@ -175,7 +196,8 @@ show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 #
 # That is no approximation. Write $\mathbf x = c\,\mathbf w$ with $\sum_b w_b = 1$: for every $\mathbf w$ the best $c$
 # leaves $E / (E + 1)$, where $E = \|\mathbf S \mathbf w\|^2$. This grows with $E$, so the best $\mathbf x$ has the best
-# $\mathbf w$ in it.
+# $\mathbf w$ in it. Don't be startled by $\mathbf x$ itself: its sum is $c = 1 / (E + 1)$, which is tiny where a
+# vertex's $E$ is hundreds of mm².
 #
 # **At most four.** If more than four are above zero, keep the four largest bones and solve again for them alone.
 #
@@ -215,14 +237,15 @@ check_weights(weights, face)
 # Bones known: weights are easy. Weights known: bones are easy. Neither is known, so they take turns. This is **SSDR**,
 # *Smooth Skinning Decomposition with Rigid Bones* (Le and Deng, 2012). Given are, in `course/lesson3.py`:
 #
-# - `lesson3.start(rest, poses, bones, align)` → motions and weights of clusters of vertices, found by *your* `align`,
+# - `lesson3.start(rest, poses, bones, align)` → motions and weights to begin with, of clusters of vertices, found by
+#   *your* `align`,
 # - `lesson3.alone(rest, poses, motions)` → the matrices $\mathbf S$ of all vertices, (n, k, B),
 # - `lesson3.bone_step(rest, poses, w, motions)` → better motions for fixed weights: each bone in turn gets the rotation
 #   that best explains what the others leave, a weighted `align`,
 # - `lesson3.rmse(S, w, len(poses))` → the root mean square error, in mm.
 #
-# Neither step can raise the error, if you made `weights` never worse. So the error never rises.
-# Mind the order: `start` gives motions first, `alternate` returns weights first.
+# Neither step can raise the error, if you made `weights` never worse. So the error never rises. The frame is there;
+# what remains for you is one iteration.
 
 
 # %% exercise="alternate"
@@ -232,36 +255,31 @@ def alternate(rest, poses, bones, iterations):
     rest: (n, 3) mm. poses: (f, n, 3) mm. An iteration is a weight step for every vertex, then a
     bone step; after it, S has to be computed again, for the motions are new.
     """
-    ### BEGIN SOLUTION
     motions, w = lesson3.start(rest, poses, bones, align)
     S = lesson3.alone(rest, poses, motions)
     errors = [lesson3.rmse(S, w, len(poses))]
     for _ in range(iterations):
+        ### BEGIN SOLUTION
         w = np.stack([weights(*of_vertex) for of_vertex in zip(S, w, strict=True)])
         motions = lesson3.bone_step(rest, poses, w, motions)
         S = lesson3.alone(rest, poses, motions)
+        ### END SOLUTION
         errors.append(lesson3.rmse(S, w, len(poses)))
     return w, motions, errors
-    ### END SOLUTION
 
 
-# %% check="alternate" points=3
+# %% check="alternate" points=2
 check_alternate(alternate, face)
 
 # %% [markdown]
 # ## Your bones on the teen
 #
-# 16 bones, found from every eighth vertex or so: that is enough to know how bones move, and takes seconds. The dashed
-# line is the suite's own fit after 60 iterations, yours has 15; it starts more cleverly and extrapolates its steps.
+# 16 bones from the 1,500 vertices of the first picture.
 
 # %%
-BONES = 16
-few = np.sort(np.random.default_rng(3).choice(len(face.rest), 1500, replace=False))
 rest, poses = face.rest[few].astype(float), face.training[:, few].astype(float)
 found, motions, errors = alternate(rest, poses, BONES, 15)
-
-# %%
-show(*lesson3.course_chart(errors, lesson3.suites_rmse(face, few, BONES)))
+show(*lesson3.course_chart(errors, suites_mm))
 
 # %% [markdown]
 # The motions are known now, so one more weight step gives **all** vertices their weights. It starts from the nearest
@@ -275,14 +293,21 @@ of_all = lesson3.alone(face.rest, face.training, motions)
 w = np.stack([weights(*of_vertex) for of_vertex in zip(of_all, found[nearest], strict=True)])
 
 # %%
-from replicate.drawing.panels import panel_grid
-
-view = [lesson3.painted(face.rest, rig.mesh.faces, one) for one in (found[nearest], w)]
-show(panel_grid([view], ["as the nearest fitted vertex", "by its own weight step"]), lesson3.BY_BONE)
+show(*lesson3.one_by_one(rig.mesh, w, 12))
 
 # %% [markdown]
 # **Look.** Name five of your bones: what of the face moves as one piece? Where are borders soft, where hard? Each
 # vertex was solved alone, without a look at its neighbours; do you see that?
+# <details><summary>Answer</summary>
+#
+# Compare with pieces that you would cut yourself: jaw, neck, brows, a cheek, the nose with what hangs on it. Some bones
+# are no such piece. They take a share of many vertices and lead few: they are there to *correct* what others do, as
+# shapes of a basis do.
+#
+# Borders are soft where skin stretches between two pieces, as on the cheeks, and hard where it parts, as between the
+# lips. But there are other hard ones, with ragged edges: two neighbours whose best four bones differ. Nothing in the
+# problem asks them to agree.
+# </details>
 #
 # ## What bones can't do
 #
@@ -300,10 +325,15 @@ yours = skin(face.rest, R[0], t[0], w)
 lbs16, lbs32 = (record.vertices[name] for name in ("lbs16", "lbs32"))
 show(*lesson3.forehead_row(record, {"your 16 bones": yours, "the suite's 16": lbs16, "its 32": lbs32}))
 
+# %% [markdown]
+# **Look** for lines where your surface tears. What do neighbours on its two sides not have in common? Here is the edge
+# of this picture that tears most, and the weights of its two ends, by the numbers of your bones:
+
+# %%
+for vertex in lesson3.tear(record, yours):
+    print(f"vertex {vertex}:", {int(b): round(float(w[vertex, b]), 2) for b in np.flatnonzero(w[vertex])})
+
 # %% [markdown] think="millimetres"
-# **Look** for lines where your surface tears. What do neighbours on its two sides not have in common? Print the bones
-# of two of them.
-#
 # **Think.** Compare your 16 bones with the suite's 16, first by millimetres, then by degrees, then by eye. Which of the
 # two numbers agrees with your eye? And what would SSDR have to measure to keep the folds?
 # <details><summary>Answer</summary>

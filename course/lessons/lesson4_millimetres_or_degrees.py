@@ -124,6 +124,12 @@ check_angle(mean_angle)
 # own angle, as Figure 10 of the paper draws errors. Did you choose by the ruler or by the protractor? (Where the title
 # says LBS, that is the skinning of lesson 3, and it has an advantage: its bones are fitted to the very pose that is
 # shown. The other methods have never seen it.)
+# <details><summary>Answer</summary>
+#
+# A is nearer in millimetres: who took A went by the ruler. B has its folds where the rig has them, and of nearly the
+# same depth: who took B went by the protractor. It is wrong in the way that eyes forgive, by a little and everywhere
+# alike, where A's errors begin and end within a few millimetres.
+# </details>
 
 
 # %%
@@ -214,8 +220,15 @@ def pair(vertices, normals, distance_mm):
 check_pair(pair)
 
 # %% [markdown]
-# **Look.** Your two faces. Cover the titles: which is which? Their mean distances are equal; a ruler that asks for more
-# than the mean, such as the farthest vertex, or in or out, may tell them apart.
+# **Look.** Your two faces. Cover the titles: which is which? Their mean distances are equal. Could another ruler tell
+# them apart, one that asks for more than the mean?
+# <details><summary>Answer</summary>
+#
+# The rippled one has a second set of folds across the first; the smooth one can hardly be told from the rig. A ruler
+# that looks at the farthest vertex sees waves: a sine's crest is π/2 times its mean size, and thicker skin is as thick
+# everywhere. So does one that asks for the sign: a wave is in as often as out. But a shift of the whole face has
+# a sign, too, and a single spike has a far vertex. Normals see what is *bent*, and ask for no such luck.
+# </details>
 
 # %%
 from replicate.geometry.mesh import vertex_normals

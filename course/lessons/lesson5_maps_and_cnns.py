@@ -34,7 +34,15 @@ pictures = {name: polyharmonic_map(parts[name][1], offsets[parts[name][0]], 32) 
 show(*face_as_pictures(record, rig.mesh, pictures))
 
 # %% [markdown]
-# **Look.** Find the mouth in the maps, and the folds of the forehead. Which is larger in a map than on the face?
+# **Look.** Find the mouth in the maps, and the folds of the forehead. Which of the two is larger in its map than on the
+# face?
+# <details><summary>Answer</summary>
+#
+# The mouth lies between two maps: at the top of face 1, where the notch is, and at the bottom of face 2. The folds are
+# the fine stripes across face 4, and they are the larger ones. All four maps have as many pixels, but the forehead's
+# band has less skin than the jaw's: three and a half pixels for a centimetre, the jaw's fewer than three. Even so only
+# two or three pixels lie between one fold and the next.
+# </details>
 #
 # ## Reading a map
 #
@@ -81,7 +89,7 @@ check_sample(sample, parts)
 # image, a solver or a network, needs the transposed matrix too. If the vertices' errors are
 # $\mathbf y = \mathbf G I - \boldsymbol\Delta$, then
 #
-# $$\frac{\partial}{\partial I}\; \tfrac12 \|\mathbf G I - \boldsymbol\Delta\|^2 = \mathbf G^\top \mathbf y.$$
+# $$\frac{\partial}{\partial I}\; \tfrac{1}{2} \|\mathbf G I - \boldsymbol\Delta\|^2 = \mathbf G^\top \mathbf y.$$
 #
 # $\mathbf G$ gathers: a vertex collects from four pixels. $\mathbf G^\top$ scatters: a vertex gives its value to the
 # same four pixels, with the same weights, and a pixel **adds up** all that it is given. How do you know that you got it
@@ -236,10 +244,17 @@ show(*loss_picture(rig.mesh, parts, np.mean(lost, axis=0), 32))
 
 # %% [markdown]
 # **Look.** Where does the chart lose, and what do its triangles have in common there? Compare their size with the
-# grid's. Which parts have more vertices than their maps have pixels? (Five have more than 1,024: the four
-# bands of the face and the cranium; the first cell printed all counts.) And why does the picture show the mouth, which
-# has pixels enough? Think of two lips that are near in the chart and move apart. Then open [Figure 8's
-# notebook](../../notebooks/figure08.ipynb): it has the same face in one chart, `teen@one_face`.
+# grid's. Which parts have more vertices than their maps have pixels? And why does the picture show the mouth?
+# <details><summary>Answer</summary>
+#
+# The chart loses where its triangles are smaller than the grid's squares: several vertices with offsets of their own
+# read the same four pixels. Five parts have more vertices than 1,024 pixels, the four bands of the face and the cranium
+# (the first cell printed all counts), but that alone says little: elsewhere in the same chart there is room enough. At
+# the mouth it is another reason. Two lips are near in the chart and move apart, and a map has no cut between two
+# neighbouring pixels.
+# </details>
+#
+# [Figure 8's notebook](../../notebooks/figure08.ipynb) has the same face in one chart, too: `teen@one_face`.
 #
 # ## What draws the map: the decoder
 #

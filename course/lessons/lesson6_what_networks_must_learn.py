@@ -17,6 +17,13 @@ show_picture(REFERENCE / "figure10_teen.png")
 
 # %% [markdown]
 # **Look.** Where on the face is the line wrong? Where are the dense networks wrong? Are those the same places?
+# <details><summary>Answer</summary>
+#
+# In part. Both miss the folds of the cheek beside the mouth. The line is also wrong on the forehead, fold by fold, and
+# a little everywhere that skin bends. The dense networks are best between the folds and worst on thin bright lines: a
+# network for each segment of the face, and two that don't quite agree tear the skin along their border. So what they
+# have to learn better is not what the line has to.
+# </details>
 #
 # ## 1. The straight line
 # We work on a head of 918 vertices with 49 controls, `tiny`, which trains in seconds. Training poses are 2,500
@@ -25,12 +32,11 @@ show_picture(REFERENCE / "figure10_teen.png")
 # $\mathbf V-\mathbf V^0$ in mm.
 #
 # Ridge regression from lesson 2 gives one matrix $W$ with $\Delta\approx(\mathbf p,1)\,W$; its last row is the
-# constant. $\Delta$ are the offsets. (The head and its poses take some 20 seconds to make.)
+# constant. $\Delta$ are the offsets. (The head takes a quarter of a minute to make, the first time.)
 
 # %%
-import torch
-
 from course import lesson6
+from course import lesson6_pictures as pictures
 
 face = lesson6.tiny_face()
 WEIGHTS, line = lesson6.ridge_line(face, face.test_params)  # W (m + 1, 3n); its offsets (b, n, 3) at the test poses
@@ -46,10 +52,10 @@ for name, offsets in (("the face at rest", 0 * line), ("the straight line", line
 # ## 2. What a network is told: Eq. 1
 # The paper's networks minimise, for each pose, distances *and* normals:
 #
-# $$E=\frac1n\sum_{i=1}^{n}\lvert \mathbf v_i-\hat{\mathbf v}_i\rvert_1
-# +\frac{\alpha}{f}\sum_{j=1}^{f}\lvert \mathbf n_j-\hat{\mathbf n}_j\rvert_1,\qquad \alpha=5,\ \text{in mm.}$$
+# $$E=\frac1n\sum_{i=1}^{n}\|\mathbf v_i-\hat{\mathbf v}{}_i\|_1
+# +\frac{\alpha}{f}\sum_{j=1}^{f}\|\mathbf n_j-\hat{\mathbf n}{}_j\|_1,\qquad \alpha=5,\ \text{in mm.}$$
 #
-# $\lvert\cdot\rvert_1$ is the sum of the absolute values of three coordinates. $\mathbf n_j$ is the *unit* normal
+# $\|\cdot\|_1$ is the sum of the absolute values of three coordinates. $\mathbf n_j$ is the *unit* normal
 # of face $j$: the cross product of two of its edges, over its length. A batch has the mean of its poses' losses.
 #
 # **Exercise 1: the loss** (12 minutes). All in torch, so that gradients flow. A face without area has no
@@ -59,6 +65,7 @@ for name, offsets in (("the face at rest", 0 * line), ("the straight line", line
 
 
 # %%
+import torch
 from torch import nn
 
 
@@ -118,6 +125,12 @@ check_units(alpha_in_mm)
 # **Look.** Now a small dense network (two hidden layers of 64, about 190,000 weights) learns $\Delta$ with *your*
 # loss: with the paper's α, with a hundredth of it, with that of the released code, and with the α of somebody who
 # has loaded metres and left 5 as it is. Which errors suffer, and at which end? Does anything gain?
+# <details><summary>Answer</summary>
+#
+# At the large end distance suffers, and by far: it stays near that of the face at rest. Normals gain next to nothing
+# for it. At the small end normals suffer a little, and distance gains as little: up to the paper's 5 mm α hardly
+# matters here.
+# </details>
 
 # %%
 rest, ridge = lesson6.errors(face, 0 * line), lesson6.errors(face, line)
@@ -127,7 +140,7 @@ for alpha in (0.05, 5.0, alpha_in_mm(10, 50 / 3, 450), alpha_in_mm(1, 5, 1000)):
     logs[alpha] = lesson6.train(network, face, loss, alpha=alpha)
     if alpha == 5.0:
         alone = network
-show(*lesson6.balances(logs, ridge, rest))
+show(*pictures.balances(logs, ridge, rest))
 
 # %% [markdown]
 # (`train` also clips gradients, to a norm of 1 over all weights, so a larger loss doesn't take larger steps.)
@@ -192,7 +205,7 @@ check_beside(BesideLine)
 # %%
 both = BesideLine(lesson6.small_network(face), WEIGHTS, face.params, face.offsets)
 log = lesson6.train(both, face, loss)
-show(*lesson6.curves(ridge, {"network": logs[5.0], "network beside the line": log}))
+show(*pictures.curves(ridge, {"network": logs[5.0], "network beside the line": log}))
 
 # %% [markdown]
 # Before its first step your model is the line, but for the small noise of a fresh network. All its steps go to
@@ -201,7 +214,7 @@ show(*lesson6.curves(ridge, {"network": logs[5.0], "network beside the line": lo
 # %%
 models = {"network": alone, "network beside the line": both}
 predictions = {name: lesson6.predict(model, face.test_params) for name, model in models.items()}
-show(*lesson6.heads(face, {"line": line, **predictions}))
+show(*pictures.heads(face, {"line": line, **predictions}))
 print(lesson6.wins(face, line, predictions["network"]))
 
 # %% [markdown]
@@ -269,6 +282,10 @@ check_gate(gated, product_gates)
 # %% [markdown]
 # **Look.** Your two gates beside eight leaky ReLUs, which have *learnt* to multiply from 51,200 examples in the
 # white square (the best of four trainings). What happens outside?
+# <details><summary>Answer</summary>
+#
+# ReLUs go on straight: their level lines end up as polygons. Gates go on as a product.
+# </details>
 
 # %%
 U, V, w = product_gates()
@@ -277,13 +294,12 @@ shapes = {
     "8 leaky ReLUs, trained": lesson6.leaky_product(),
     "2 gates, by hand": lambda xy: gated(torch.tensor(xy), U, torch.zeros(2), V, torch.zeros(2)) @ w,
 }
-show(*lesson6.products(shapes))
+show(*pictures.products(shapes))
 
 # %% [markdown]
-# Outside the square ReLUs go on straight, and gates go on as a product. That is right here, and dangerous in
-# general: a layer of many gates grows with the *square* of what it sees, and a second layer with the fourth
-# power. Our method therefore clips what its gates see to the range of training, and lets only the line go on
-# beyond (`replicate/regional/networks.py`).
+# To go on as a product is right here, and dangerous in general: a layer of many gates grows with the *square* of what
+# it sees, and a second layer with the fourth power. Our method therefore clips what its gates see to the range of
+# training, and lets only the line go on beyond (`replicate/regional/networks.py`).
 #
 # **Try.** Replace the small network in `BesideLine` by one with your gated layer, `steps=400`. It may well be no
 # better: gates are slow to start. Try a learning rate four times as large (`rate=0.02` in `train`), and more steps.
@@ -295,7 +311,7 @@ show(*lesson6.products(shapes))
 # eight regions.
 
 # %%
-show(*lesson6.regions(face))
+show(*pictures.regions(face))
 
 # %% [markdown]
 # What are these pieces worth on a real character? The [study of our method](../../notebooks/bench_regional.ipynb)
@@ -303,7 +319,7 @@ show(*lesson6.regions(face))
 # gates, on two hidden layers of 384. The table has its errors on *validation* poses multiplied by …
 
 # %%
-lesson6.pieces()
+pictures.pieces()
 
 # %% [markdown]
 # Rows under *removed* take a piece away, or put a plainer one in its place; those under *added* put one in. Not every
@@ -312,7 +328,14 @@ lesson6.pieces()
 # credit a factor to the name of its row.
 #
 # **Look.** Which piece is worth most in millimetres, which in degrees? Which would you give up first? Each row is
-# *one* training: how large would a factor have to be before you believed it? (That is lesson 8.)
+# *one* training: how large would a factor have to be before you believed it?
+# <details><summary>Answer</summary>
+#
+# Sort each column by how far its factors are from 1. At first sight the two columns have different winners: the kind
+# of error that training minimises moves millimetres, regions move degrees. First to go is the row nearest to 1 in both.
+# A factor has to be larger than what another seed does to the *same* method. The table has one training a row, so it
+# can't say; a few percent are surely too little. Lesson 8 measures it.
+# </details>
 #
 # ## Go further
 # - Bailey, Omens, DiLorenzo, O'Brien: *Fast and Deep Facial Deformations*, SIGGRAPH 2020. §3 has Eq. 1 and the

@@ -51,7 +51,7 @@ print(f"{(net.default == net.lower).sum()} controls rest at their lower limit")
 # %% [markdown]
 # ## A Jacobian you can trust
 #
-# $J_{ij} = \partial \tilde r_i / \partial p_j$ says by how many mm the place $i$ moves when control $j$ moves by one
+# $J_{ij} = \partial \tilde r{}_i / \partial p_j$ says by how many mm the place $i$ moves when control $j$ moves by one
 # unit. You can estimate it for any closed function that you may ask twice for each control:
 #
 # $$J_{\cdot j} \approx \frac{\tilde r(p + h\,e_j) - \tilde r(p - h\,e_j)}{2h}.$$
@@ -110,7 +110,7 @@ show(slope_chart(steps, curves), about)
 #
 # ## A step, and what damping does
 #
-# Let $r = \bar v - \tilde r(p)$ be what is still missing. A straight-line model of the face says $\tilde r(p +
+# Let $r = \overline v - \tilde r(p)$ be what is still missing. A straight-line model of the face says $\tilde r(p +
 # \delta) \approx \tilde r(p) + J\delta$. Gauss and Newton would take the $\delta$ with $J\delta = r$. But there are
 # many more controls than numbers, so many $\delta$ do that; and some directions of $J$ are so weak that 1 mm takes
 # controls far from where the straight line holds. Levenberg's remedy asks for a small step besides:
@@ -280,12 +280,12 @@ move(pulled, sliders, stills, Words("Three faces, posed by their points.", "Your
 # ## Networks that have learned it
 #
 # The paper finds such rounds too slow for dragging, and trains networks instead: points in, controls out, one for
-# each region of the face, $p = f_{IK}(\bar V_C)$ (Eq. 7). They never see a right answer. The loss sends their
+# each region of the face, $p = f_{IK}(\overline V{}_C)$ (Eq. 7). They never see a right answer. The loss sends their
 # controls through the frozen approximation and compares *points*, plus $\lambda$ times the size of the controls (Eq.
 # 8):
 #
-# $$\mathcal L = \frac1{|C|}\sum_{i\in C} \lVert \tilde r_i(f_{IK}(\bar V_C)) - \bar v_i\rVert_1
-# + \lambda\,\lVert (p - p^0)\odot s\rVert_1, \qquad p = f_{IK}(\bar V_C).$$
+# $$\mathcal L = \frac1{|C|}\sum_{i\in C} \lVert \tilde r{}_i(f_{IK}(\overline V{}_C)) - \overline v{}_i\rVert_1
+# + \lambda\,\lVert (p - p^0)\odot s\rVert_1, \qquad p = f_{IK}(\overline V{}_C).$$
 #
 # $p^0$ are the controls at rest, and $s$ weighs each by one over its range, so that $\lambda$ is in mm (the suite's
 # descent has 0.02 mm). The gradient of the first term is $J^{\mathsf T}$ of this lesson times the signs of what is

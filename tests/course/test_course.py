@@ -80,6 +80,10 @@ def test_the_site_can_set_the_formulas(lesson):
     text = re.sub(r"```.*?```", "", "\n\n".join(texts), flags=re.DOTALL)
     formulas = re.findall(r"\$\$(.+?)\$\$|(?<!\$)\$([^$]+)\$", text, re.DOTALL)
     assert formulas and all(tex2mathml(block or inline, as_block=bool(block)) for block, inline in formulas)
+    for formula in map("".join, formulas):
+        assert not re.search(r"frac\d\d", formula), f"{formula}: it reads 12 as one number, so write {{1}}{{2}}"
+        accent = re.search(r"\\(bar|dot|hat|overline|tilde)(\{[^{}]*\}| ?\w)_", formula)
+        assert not accent, f"{formula}: it sets the index below the letter, so write {{}}_"
 
 
 @pytest.mark.parametrize("lesson", LESSONS)

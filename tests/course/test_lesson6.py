@@ -6,7 +6,7 @@ import torch
 from lesson_source import answers
 from torch import nn
 
-from course import lesson6
+from course import lesson6, lesson6_pictures
 from course.checks import Wrong
 from course.checks.lesson6 import _trained_alone as trained_alone
 from course.checks.lesson6 import check_beside, check_gate, check_loss, check_units
@@ -157,7 +157,7 @@ def test_curves_bear_any_names_and_training_takes_its_rate_as_an_argument(made_u
         model = lesson6.Alone(lesson6.small_network(made_up), lesson6.rms(made_up.offsets))
         logs[f"rate {rate}"] = lesson6.train(model, made_up, right, steps=8, every=8, rate=rate)
     assert logs["rate 0.005"][0] == logs["rate 0.02"][0] and logs["rate 0.005"][-1] != logs["rate 0.02"][-1]
-    _, words = lesson6.curves((1.0, 1.0), logs)
+    _, words = lesson6_pictures.curves((1.0, 1.0), logs)
     assert "over 8 steps" in words.alt
 
 

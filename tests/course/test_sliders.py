@@ -23,6 +23,7 @@ def test_stills_stand_beside_each_other_and_a_slider_draws_again(monkeypatch):
         move(draw, {"height": (0, 3, 1)}, [{"height": 0.5}, {"height": 2}], Words("alt", "Two lines."))
     assert drawn == [0.5, 2, 1]
     slider, picture = boxes[0].children
+    assert (slider.style.description_width, picture.layout.align_self) == ("initial", "flex-start")  # not cut
     before = bytes(picture.value)
     slider.value = 3
     assert drawn[-1] == 3 and before != picture.value and bytes(picture.value).startswith(b"\x89PNG")
