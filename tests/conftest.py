@@ -1,12 +1,15 @@
 """Shapes and types of annotated functions are checked while tests run; every test has a cache of its own."""
 
 import atexit
+import gc
 import os
 import shutil
 import signal
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
+
+gc.set_threshold(20_000, 10, 50)  # imports and JAX leave millions of objects that are no garbage
 
 for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of them is loaded
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
@@ -169,6 +172,12 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.slow)
     places = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path.name, len(LONG)))
+
+
+def pytest_collection_finish():
+    """Leave what has been loaded out of later searches for cycles."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

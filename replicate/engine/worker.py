@@ -17,7 +17,7 @@ from pathlib import Path
 
 from replicate.base import progress
 from replicate.base.code_hash import are_unchanged, sources_digest
-from replicate.base.command_line import exit_in_words, is_out_of_memory, prepare_streams
+from replicate.base.command_line import collect_seldom, exit_in_words, is_out_of_memory, prepare_streams
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.paths import ROOT
 from replicate.base.schema import from_json
@@ -53,6 +53,7 @@ def main() -> None:
     log = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(log, 1)
     os.dup2(log, 2)
+    collect_seldom()
     prepare_streams()
     speaking = threading.Lock()
     reserve = bytearray(_RESERVE_BYTES)

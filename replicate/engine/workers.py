@@ -19,6 +19,7 @@ from io import BufferedReader, BufferedWriter
 from pathlib import Path
 from typing import IO, Any, Protocol, runtime_checkable
 
+from replicate.base.command_line import collect_seldom
 from replicate.base.paths import ROOT
 from replicate.engine import store, worker
 from replicate.engine.executor import Task
@@ -312,6 +313,7 @@ class Fork:
 def main() -> None:
     """Fork a worker for each request that comes in, and answer with its number; tell each one's end."""
     _die_with_parent()
+    collect_seldom()
     warnings.filterwarnings("ignore", "os.fork")  # JAX says so whether or not it has threads
     line = socket.socket(fileno=int(sys.argv[1]))
     ended, wake = os.pipe()

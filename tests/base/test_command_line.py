@@ -15,7 +15,7 @@ from replicate.base.paths import ROOT
 
 NO_MEMORY = "memory ran out: what is finished is kept; close other programs or name fewer JOBS\n"
 COMMANDS = """
-import errno, os, sys, time
+import errno, gc, os, sys, time
 from pathlib import Path
 from replicate.base.exceptions import InputError, RunError
 
@@ -66,6 +66,9 @@ def full():
 
 def code():
     return 5
+
+def cycles():
+    print(gc.get_threshold()[0])
 
 def text():
     sys.exit("a last word")
@@ -135,6 +138,11 @@ def outcome(process: subprocess.Popen) -> tuple[int, str, str]:
 )
 def test_what_a_command_raises_or_returns_is_a_sentence_and_a_code(start, function, code, sentence):
     assert outcome(start(f"commands:{function}"))[::2] == (code, sentence)
+
+
+def test_a_command_looks_for_cycles_of_objects_less_often_than_python_does_by_itself(start):
+    by_itself = subprocess.check_output([sys.executable, "-c", "import gc; print(gc.get_threshold()[0])"])
+    assert int(outcome(start("commands:cycles"))[1]) > int(by_itself)
 
 
 def test_an_error_that_nobody_has_foreseen_keeps_its_traceback(start):

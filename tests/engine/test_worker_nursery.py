@@ -20,7 +20,7 @@ from replicate.engine.workers import Nursery
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are forks on Linux alone")
 
 STAGES = """
-import json, os, sys, time
+import gc, json, os, sys, time
 
 def first(context):
     import numba
@@ -28,7 +28,7 @@ def first(context):
 
 def second(context):
     facts = {"pid": os.getpid(), "loaded": "numba" in sys.modules, "torch": "torch" in sys.modules,
-             "group": os.getpgid(0)}
+             "group": os.getpgid(0), "every": gc.get_threshold()[0]}
     (context.out / "facts.json").write_text(json.dumps(facts))
 
 def sleep(context):
@@ -49,6 +49,7 @@ def test_a_stage_finds_loaded_what_an_earlier_one_has_imported_and_is_a_process_
     folders = run([second])
     one, two = (json.loads((folders[title] / "facts.json").read_text()) for title in ("first", "second"))
     assert two["loaded"] and not two["torch"]
+    assert two["every"] == 20_000, "cycles of objects are looked for less often than Python does by itself"
     assert len({one["pid"], two["pid"], os.getpid()}) == 3 and two["group"] == two["pid"]
     assert not own_children()
 

@@ -30,6 +30,10 @@ from replicate.targets.claims.verdicts import CLAIMS, claim_named, judge, judge_
 PAPER = published()
 
 
+def test_the_papers_numbers_are_read_once_in_a_process():
+    assert published() is PAPER
+
+
 def test_claims_about_table_2_are_judged_on_a_runs_own_rows_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
     folder = paths.run_folder("quick")
