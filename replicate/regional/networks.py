@@ -107,7 +107,7 @@ class GatedNetwork(nn.Module):
         """Put what keeps the outputs at zero at rest into the bias, when training is over."""
         if self.rest is not None:
             with torch.no_grad():
-                self.output.bias -= self._outputs(self.rest[None])[0]
+                self.output.bias.sub_(self._outputs(self.rest[None])[0])
             self.rest = None
 
     def multiplications(self) -> int:
