@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from data_recipes.deformers import node_chain, wrinkles
 from data_recipes.deformers.node_chain import Chain, Node, State, Values
@@ -86,6 +86,12 @@ class FaceRig(FunctionRig):
     def rigid_segments(self) -> tuple[str, ...]:
         """Names of segments that are rigid by construction."""
         return self.face.rigid
+
+    @property
+    def file_vertices(self) -> Int[np.ndarray, " v"] | None:
+        """For each vertex of a file its place among the rig's, −1 for what is only shown; None for no file's face."""
+        places = self.face.constants.get("file_vertices")
+        return None if places is None else np.asarray(places["place"])
 
     @property
     def hard_limits(self) -> bool:

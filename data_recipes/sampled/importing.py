@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,11 +46,13 @@ def import_rig(
     influence = any(file.name == INFLUENCE_FILE for file in others)
     apart = {mesh_file.parent / INFLUENCE_FILE, *buffers_of(mesh_file)}
     shards = [file for file in others if file not in apart]
-    found = read_folder(mesh_file.parent, recipe.face, shards, influence)
-    check_size(found)
+    whole = read_folder(mesh_file.parent, recipe.face, shards, influence)
+    check_size(whole)
+    first, place = one_of_each(whole)
+    found = whole if len(first) == len(place) else merged(whole, first, place)
     shift = placement(found.surface(found.vertices_mm), recipe.face)
     mesh = make_mesh(found.neutral, recipe.face.segments, found.vertices_mm + shift, shown_path(mesh_file))
-    known = _read_poses(found, target, progress)
+    known = _read_poses(whole, first, target, progress)
     _check_repeated(found, known)
     values = known.frame_params[:] if found.poses.clips else None
     starts = np.cumsum([0, *(length for _, length in found.poses.clips)])
@@ -75,6 +77,7 @@ def import_rig(
         face.licence,
         moves=found.moves,
         rigid_segments=rigid,
+        file_vertices=place,
     )
 
 
@@ -96,9 +99,62 @@ def segments_named(names: Sequence[str], mesh: Mesh, where: str) -> tuple[str, .
     return tuple(map(clean_name, names))
 
 
-def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) -> KnownPoses:
-    """Read each shard once and put its poses where they belong: frames as they are, drawn poses rounded (D4)."""
-    poses, n, unused = found.poses, len(found.vertices_mm), found.neutral.unused
+SAME = 1e-6  # of the face's size: vertices that are no farther apart, at rest and in every pose, are one
+
+
+def one_of_each(found: SampleFolder) -> tuple[Int[np.ndarray, " u"], Int[np.ndarray, " n"]]:
+    """Return the first of all vertices that are one, in their order, and the place among these of each vertex.
+
+    A file has the vertices of a texture's seam twice. Where both move alike in all poses, networks would only tear them
+    apart.
+    """
+    tolerance = SAME * size_mm(found) / found.face.mm
+    n, neutral = len(found.vertices_mm), found.neutral.vertices
+    _, group = np.unique(np.rint(neutral / tolerance).astype(np.int64), axis=0, return_inverse=True)
+    leader = np.full(group.max() + 1, n)
+    np.minimum.at(leader, group.ravel(), np.arange(n))
+    partner = leader[group.ravel()]  # the first vertex in the same place
+    twice = np.flatnonzero(partner != np.arange(n))
+    for shard in found.shards if len(twice) else ():
+        vertices = shard.read("vertices")
+        apart = np.abs(vertices[:, twice].astype(np.float64) - vertices[:, partner[twice]]).max(axis=(0, 2)) > tolerance
+        partner[twice[apart]] = twice[apart]
+        twice = twice[~apart]
+        if not len(twice):
+            break
+    partner[found.neutral.unused] = found.neutral.unused
+    first, place = np.unique(partner, return_inverse=True)
+    return first, place.ravel()
+
+
+def merged(found: SampleFolder, first: Int[np.ndarray, " u"], place: Int[np.ndarray, " n"]) -> SampleFolder:
+    """Return a folder's content with vertices that are one, once. first, place: as `one_of_each` gives them."""
+    ours = lambda vertices: tuple(dict.fromkeys(place[list(vertices)].tolist()))  # noqa: E731
+    neutral, points = found.neutral, found.face.points
+    own = {region: ours(vertices) for region, vertices in points.control_points.items()}
+    points = replace(points, landmarks=ours(points.landmarks), control_points=own)
+    return replace(
+        found,
+        face=replace(found.face, points=points),
+        neutral=replace(
+            neutral,
+            vertices=neutral.vertices[first],
+            faces=place[neutral.faces],
+            members={name: list(ours(vertices)) for name, vertices in neutral.members.items()},
+        ),
+        vertices_mm=found.vertices_mm[first],
+        moves=None if found.moves is None else found.moves[first],
+    )
+
+
+def _read_poses(
+    found: SampleFolder, kept: Int[np.ndarray, " u"], target: Path, progress: Callable | None
+) -> KnownPoses:
+    """Read each shard once and put its poses where they belong: frames as they are, drawn poses rounded (D4).
+
+    kept: the vertices that the rig has.
+    """
+    poses, n, unused = found.poses, len(kept), found.neutral.unused
     frames, drawn = (poses.frames, poses.drawn) if poses.clips else (poses.drawn, poses.frames)
     known = create(target, len(frames), len(drawn), n, len(found.controls))
     known.frame_params[:], known.drawn_params[:] = poses.params[frames], poses.params[drawn]
@@ -115,6 +171,7 @@ def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) ->
             for pose in np.flatnonzero(poses.shard == index):
                 offsets = found.face.to_ours(vertices[poses.row[pose]].astype(np.float64)) - found.vertices_mm
                 offsets[unused] = 0.0
+                offsets = offsets[kept]
                 if is_frame[pose]:
                     known.frame_offsets[place[pose]] = offsets
                 else:

@@ -35,6 +35,7 @@ class SampledRig(ControlledRig):
     source, licence: texts of its author.
     moves: (n, m), which control moves which vertex, if its author says so.
     rigid_segments: names of those that move rigidly, if its author says so.
+    file_vertices: for each vertex of its file its place among the rig's, which has coincident ones once.
     """
 
     name: str
@@ -52,6 +53,7 @@ class SampledRig(ControlledRig):
     control_point_names: tuple[str, ...] = ()
     moves: np.ndarray | None = None
     rigid_segments: tuple[str, ...] = ()
+    file_vertices: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for field in ("landmarks", "control_points"):
@@ -105,7 +107,8 @@ def is_sampled(folder: Path) -> bool:
 def save_rig(rig: SampledRig, folder: Path) -> None:
     """Write a rig into the folder that has its poses; the description goes last."""
     rig.mesh.save(folder / MESH)
-    np.savez(folder / POINTS, landmarks=rig.landmarks, control_points=rig.control_points)
+    places = np.arange(len(rig.mesh.neutral)) if rig.file_vertices is None else rig.file_vertices
+    np.savez(folder / POINTS, landmarks=rig.landmarks, control_points=rig.control_points, file_vertices=places)
     if rig.moves is not None:
         np.save(folder / MOVES, rig.moves)
     description = {
@@ -127,7 +130,9 @@ def load_rig(folder: Path) -> SampledRig:
             raise InputError(f"{folder / DESCRIPTION}: expected format {FORMAT}, got {about['format']}.")
         known = KnownPoses.open(folder)
         with np.load(folder / POINTS, allow_pickle=False) as points:
-            landmarks, control_points = points["landmarks"], points["control_points"]
+            landmarks, control_points, places = (
+                points[name] for name in ("landmarks", "control_points", "file_vertices")
+            )
         clips, first = [], 0
         for name, length in about["clips"] or ():
             clips.append(Clip(name, np.array(known.frame_params[first : first + length])))
@@ -146,6 +151,7 @@ def load_rig(folder: Path) -> SampledRig:
             licence=about["licence"],
             moves=np.load(folder / MOVES, allow_pickle=False) if about["has_moves"] else None,
             rigid_segments=tuple(about["rigid_segments"]),
+            file_vertices=places,
         )
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):
