@@ -129,7 +129,9 @@ def write_makehuman(folder, file):
     binds[:, 3, :3] = -np.stack(list(places.values()))  # by columns, as the format wants them
     matrices = glb.numbers(binds.reshape(-1, 16), 5126, "MAT4")
     glb.tree["skins"] = [{"joints": list(range(len(JOINTS))), "inverseBindMatrices": matrices}]
-    inside = (vertices[corners, 1] > places[JOINTS[0]][1] / M_PER_DM).all(axis=1)  # no shoulders
+    cut = (places["neck01"] + places["neck02"])[1] / 2 / M_PER_DM
+    inside = (vertices[corners, 1] > cut).any(axis=1)
+    vertices[:, 1] = np.maximum(vertices[:, 1], cut)  # a straight edge, where the triangles would leave a jagged one
     names = np.array([PARTS.get(group, "") for group in groups])
     for name in dict.fromkeys(PARTS.values()):
         own = (names == name) & inside
