@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from data_recipes.deformers import node_chain, wrinkles
 from data_recipes.deformers.node_chain import Chain, Node, State, Values
@@ -96,6 +96,14 @@ class FaceRig(FunctionRig):
     def paint(self) -> UInt8[np.ndarray, "n 3"]:
         """A colour for each vertex, for display only."""
         return self.face.paint
+
+    @property
+    def file_vertices(self) -> Int[np.ndarray, " v"]:
+        """Where the vertices of the file that a face of shapes comes from are among the mesh's, −1 for none.
+
+        Of a face from no such file it is empty.
+        """
+        return np.asarray(self.face.constants.get("file_vertices", {"place": np.zeros(0, np.int32)})["place"])
 
     def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
         """Return the display-only meshes (eyeballs, brows, …) in the pose (m,)."""
