@@ -8,6 +8,7 @@ from shape_faces import ARKIT, METRES, half, shapes_of, split_sheet, worst_linea
 from data_recipes.catalogue import build_rig, character_parts, control_count, load_rig, save_rig
 from data_recipes.recipe_paths import character_label, sample_folder, shape_file
 from data_recipes.rig import within_limits
+from data_recipes.shapes.shape_rig import prop_name
 from replicate.base.exceptions import InputError
 
 
@@ -59,8 +60,25 @@ def test_vertices_that_coincide_and_move_apart_stay_two(tmp_path):
 
 def test_what_stands_still_near_the_face_is_shown_and_what_is_far_is_left_out(built):
     *_, rig = built
-    assert [prop[0] for prop in rig.pose_props(rig.default)] == ["EyeLeft"]
+    assert [prop[0] for prop in rig.pose_props(rig.default)] == ["eye_left"]
     assert rig.mesh.segment_names == ("Head",)
+
+
+@pytest.mark.parametrize(
+    ("name", "ours"),
+    [
+        ("EyeLeft", "eye_left"),
+        ("Cornea_R", "eye_cornea_right"),
+        ("Eyes", "eyes_Eyes"),
+        ("Eyelashes", "brow_Eyelashes"),
+        ("Wolf3D_Hair", "hair_Wolf3D_Hair"),
+        ("Eyewear", "glasses_Eyewear"),
+        ("TeethUpper", "TeethUpper"),
+        ("", "part"),
+    ],
+)
+def test_parts_that_are_only_shown_get_the_names_by_which_pictures_go(name, ours):
+    assert prop_name(name) == ours
 
 
 def test_a_folder_with_a_mesh_for_each_shape_is_the_same_rig(tmp_path, built):
@@ -95,7 +113,7 @@ def test_a_saved_rig_is_loaded_as_it_was(tmp_path, built):
     again = load_rig(tmp_path / "rig")
     pose = rig.clips[0].values[:5]
     np.testing.assert_array_equal(again(pose), rig(pose))
-    assert [prop[0] for prop in again.pose_props(rig.default)] == ["EyeLeft"]
+    assert [prop[0] for prop in again.pose_props(rig.default)] == ["eye_left"]
 
 
 def test_training_poses_stay_within_the_controls_limits(built):
