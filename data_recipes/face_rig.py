@@ -103,6 +103,14 @@ class FaceRig(FunctionRig):
         """A colour for each vertex, for display only."""
         return self.face.paint
 
+    @property
+    def file_vertices(self) -> Int[np.ndarray, " v"]:
+        """Where the vertices of the file that a face of shapes comes from are among the mesh's, −1 for none.
+
+        Of a face from no such file it is empty.
+        """
+        return np.asarray(self.face.constants.get("file_vertices", {"place": np.zeros(0, np.int32)})["place"])
+
     def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
         """Return the display-only meshes (eyeballs, brows, …) in the pose (m,)."""
         p = np.asarray(params, np.float32).reshape(1, -1)

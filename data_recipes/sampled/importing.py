@@ -220,6 +220,7 @@ def _points(
 # Landmarks and control points for a face that names none: vertices that are far apart and move a lot.
 
 LANDMARKS, CONTROL_POINTS = 24, 20
+STILL_MM = 1e-3  # vertices that move no farther stand still
 POSES = 500  # at most so many are looked at
 RIDGE = 1e-3  # of the mean square of a column
 
@@ -230,8 +231,13 @@ def motion_mm(offsets: Float[np.ndarray, "b n 3"]) -> Float64[np.ndarray, " n"]:
 
 
 def spread_out(neutral: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, " n"], count: int) -> Int[np.ndarray, " k"]:
-    """Return up to `count` vertices that move more than the median one, far apart."""
-    candidates = np.flatnonzero(motion >= np.median(motion))
+    """Return up to `count` vertices that move more than the median one, far apart.
+
+    Where most vertices stand still, it is the median one of those that move.
+    """
+    moving = motion > STILL_MM
+    few = moving.any() and np.median(motion) <= STILL_MM
+    candidates = np.flatnonzero(motion >= np.median(motion[moving] if few else motion))
     places = np.asarray(neutral[candidates], np.float64)
     chosen = [int(np.argmax(motion[candidates]))]
     distance = ((places - places[chosen[0]]) ** 2).sum(axis=1)

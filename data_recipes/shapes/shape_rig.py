@@ -20,6 +20,7 @@ from data_recipes.controls import Control
 from data_recipes.deformers.node_chain import Chain, FaceConstants, Node, State, place_of, spread
 from data_recipes.deformers.posed_props import NEAREST, RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
+from data_recipes.gltf.scene import unique
 from data_recipes.recipe.shapes import AXES, ShapeFace, ShapeRecipe
 from data_recipes.rig import Clip, check_rig
 from data_recipes.sampled.importing import (
@@ -33,7 +34,7 @@ from data_recipes.sampled.importing import (
 )
 from data_recipes.sampled.mesh_file import NeutralFile
 from data_recipes.sampled.segment_charts import make_mesh
-from data_recipes.shapes.control_names import WITHOUT_REGION, region_of_control
+from data_recipes.shapes.control_names import WITHOUT_REGION, region_of_control, side_of
 from data_recipes.shapes.shape_acting import act_shapes
 from data_recipes.shapes.shape_file import ShapeSource, check_names, read_source
 from replicate.base.exceptions import InputError
@@ -43,14 +44,15 @@ SAME_MM = 1e-4  # vertices that are no farther apart, at rest and in each shape,
 STILL_MM = 1e-3  # shapes that move nothing farther have no effect
 NEAR = 0.35  # of the size of what moves: still parts up to so far around it are shown
 MOVES_ALL = 0.6  # a control that moves a larger share of the vertices says nothing about regions
-# Colours for what the file has none for, by words in the names of parts; skin otherwise.
-COLOURS = (
-    ("teeth|tooth|dent", (0.90, 0.87, 0.78)),
-    ("eye(?!brow|lash|lid)|cornea|sclera", (0.93, 0.92, 0.90)),
-    ("hair|brow|lash|beard", (0.20, 0.14, 0.10)),
-    ("tongue|gum|mouth", (0.62, 0.30, 0.30)),
-    ("glass", (0.12, 0.12, 0.13)),
-    ("", (0.76, 0.60, 0.52)),
+# Words in the names of parts: what our own faces call such a part, and its colour where the file has none for it.
+PARTS = (
+    ("teeth", "teeth|tooth|dent", (0.90, 0.87, 0.78)),
+    ("eye", "eye(?!.?(brow|lash|lid|wear))|cornea|sclera", (0.93, 0.92, 0.90)),
+    ("hair", "hair|beard", (0.20, 0.14, 0.10)),
+    ("brow", "brow|lash", (0.20, 0.14, 0.10)),
+    ("tongue", "tongue|gum|mouth", (0.62, 0.30, 0.30)),
+    ("glasses", "glass|eye.?wear", (0.12, 0.12, 0.13)),
+    ("", "", (0.76, 0.60, 0.52)),
 )
 
 
@@ -239,8 +241,27 @@ def _paint(source: ShapeSource) -> UInt8[np.ndarray, "n 3"]:
     for label in dict.fromkeys(labels.tolist()):
         members = np.unique(source.neutral.faces[labels == label])
         if (colours[members] > 0.97).all():  # white is what a file says that has a texture
-            colours[members] = next(colour for words, colour in COLOURS if re.search(words, label, re.IGNORECASE))
+            colours[members] = _known_part(label)[2]
     return np.rint(255 * np.clip(colours, 0, 1)).astype(np.uint8)
+
+
+def _known_part(name: str) -> tuple[str, str, tuple[float, ...]]:
+    return next(part for part in PARTS if re.search(part[1], name, re.IGNORECASE))
+
+
+def prop_name(name: str) -> str:
+    """Return what our own faces would call a part that is only shown: EyeLeft is eye_left, Hair hair_Hair.
+
+    Pictures go by the first word: eyes shine and look about, hair may hide a forehead. Other names stay.
+    """
+    kind = _known_part(name)[0]
+    stem, side = side_of(name)
+    if kind == "eye" and side:
+        stem = re.sub("[^a-z]", "", stem.lower().replace("eye", ""))
+        return "_".join(filter(None, ("eye", stem, side)))
+    if kind == "eye":
+        return f"eyes_{name}"  # both of them, it seems: no catchlight can be placed
+    return f"{kind}_{name}" if kind in ("hair", "brow", "glasses") else name or "part"
 
 
 def _joints(face: ShapeFace, source: ShapeSource) -> dict[str, Any]:
@@ -332,7 +353,7 @@ def _props(
     """Return the parts that nothing moves and that lie at the face: hair and eyes, but no body."""
     low, high = moving.min(axis=0), moving.max(axis=0)
     room = NEAR * (high - low).max()
-    labels, props = np.array(source.neutral.groups), []
+    labels, props, taken = np.array(source.neutral.groups), [], set()
     for name in dict.fromkeys(source.neutral.groups):
         faces = source.neutral.faces[(labels == name) & ~ours]
         if not len(faces):
@@ -347,7 +368,7 @@ def _props(
         index, weight = (np.pad(array, ((0, 0), (0, missing))) for array in (index, weight))
         props.append(
             RestProp(
-                name=name or "part",
+                name=unique(prop_name(name), taken),
                 follow="skin",
                 colours=paint[used],
                 vertices=vertices[used].astype(np.float32),

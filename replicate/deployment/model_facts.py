@@ -32,6 +32,8 @@ class FaceFacts:
     segments: names of the mesh's segments
     rigid: names of those that the rigid step places
     made_by: the command that wrote the model
+    file_vertices: of each vertex of the file that the face comes from, its place among the model's, −1 for those that
+        no model moves; () for faces from no such file
     """
 
     character: str
@@ -39,6 +41,7 @@ class FaceFacts:
     segments: Sequence[str]
     rigid: Sequence[str]
     made_by: str
+    file_vertices: Sequence[int] = ()
 
 
 def about_model(face: FaceFacts, method: str, title: str, errors: Errors, half: bool) -> dict[str, str]:
@@ -54,12 +57,14 @@ def about_model(face: FaceFacts, method: str, title: str, errors: Errors, half: 
         {"name": c.name, "region": c.region, "lower": c.lower, "default": c.default, "upper": c.upper}
         for c in face.controls
     ]
+    of_file = {"file_vertices": json.dumps([*face.file_vertices])} if len(face.file_vertices) else {}
     return {
         "character": face.character,
         "method": method,
         "title": title,
         "parameters": PARAMETERS,
         "vertices": VERTICES,
+        **of_file,
         "out_of_range": OUT_OF_RANGE,
         "controls": json.dumps(controls),
         "segments": json.dumps([*face.segments]),

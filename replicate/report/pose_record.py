@@ -177,12 +177,17 @@ SKIN_FROM = 120  # brows and hair grow on patches of skin, whose green is at lea
 def clay_surfaces(record: PoseRecord, method: str, hair: bool = True) -> list[Surface]:
     """Return the surfaces of a pose as one of the record's methods predicts it.
 
-    hair: False leaves out the hair, which hides wrinkles.
+    hair: False leaves out hair and glasses, which hide wrinkles.
     """
     vertices = record.vertices[method]
-    shown = [prop for prop in record.props if hair or prop[0] != "hair"]
+    shown = [prop for prop in record.props if hair or not is_before_forehead(prop[0])]
     props = carry_props(shown, record.vertices[TRUTH], vertices)
     return [Surface(vertices, record.faces), *prop_surfaces(map(_on_clay, props))]
+
+
+def is_before_forehead(name: str) -> bool:
+    """Return whether a prop of this name, hair or glasses, may hide wrinkles."""
+    return name.startswith(("hair", "glasses"))
 
 
 def _on_clay(prop: tuple) -> tuple:

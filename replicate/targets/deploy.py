@@ -186,7 +186,8 @@ def _face(context: StageContext) -> DeployedFace:
         f"make deploy CHARACTERS={settings.character} PROFILE={settings.profile}, seed {settings.seed}{settings.origin}"
     )
     rigid = [names[k] for k in attachments.segment]
-    facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by)
+    of_file = np.asarray(getattr(rig, "file_vertices", ())).tolist()
+    facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by, of_file)
     params = drawn_poses(rig.controls, POSES, context.rng("checks"))
     return DeployedFace(rig, attachments, facts, params, context.inputs)
 

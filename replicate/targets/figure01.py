@@ -17,6 +17,7 @@ from replicate.report.pose_record import (
     WHOLE,
     PoseRecord,
     clay_surfaces,
+    is_before_forehead,
     marks_in_words,
     normal_means_deg,
     panel_title,
@@ -25,6 +26,7 @@ from replicate.report.pose_record import (
     vertex_mean_mm,
     view_of,
 )
+from replicate.targets.figure09.forehead_wrinkles import CREASED_DEG, fold_change_deg
 from replicate.targets.pose_numbers import folded_pose_stages, publish, save_folded_pose
 
 if TYPE_CHECKING:
@@ -77,10 +79,16 @@ def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib
         cells.append(Cell(panel_title(method), pictures, lines))
     errors = "; ".join(phrases)
     names = ", ".join(plain_name(method) for method in shown)
+    bare = ", without what hides it," if any(is_before_forehead(prop[0]) for prop in record.props) else ""
+    shows = (
+        "shows which creases of the forehead a method keeps"
+        if fold_change_deg(record) > CREASED_DEG
+        else "is of the forehead, which has no creases here"
+    )
     return face_sheet(cells, len(shown)), Words(
         f"Clay renders of a head from the front and, below, of its forehead, close up, from left to right: {names}. "
         f"Mean errors: {errors}.",
         f"The rig and its approximations side by side (after Fig. 1), in {pose_in_words(record)}. The heads look much "
-        "alike; the close-up below, without hair, shows which creases of the forehead a method keeps. Below: mean "
+        f"alike; the close-up below{bare} {shows}. Below: mean "
         f"distance of all vertices, and mean angle between normals (Eq. 11). {marks_in_words(shown)}".strip(),
     )

@@ -163,3 +163,17 @@ def test_the_note_on_patents_is_that_of_the_readme():
     readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
     for words in ("US 11,348,314 B2 and its family", "Pixar's related FaceBaker is US 11,941,739"):
         assert words in readme and words in PATENTS
+
+
+def test_models_of_a_face_from_a_file_say_where_its_vertices_are(inputs, tmp_path, monkeypatch):
+    rig = PosedRig()
+    rig.file_vertices = np.array([2, 0, -1, 1, 0], np.int32)
+    monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda _: rig)
+    folders, _ = run_stage(deploy.write, inputs, "deploy", DeploySettings("small", "quick", 0, METHODS), tmp_path)
+    about = onnx.load(folders["deploy"] / "deploy_small_coarse.onnx").metadata_props
+    assert json.loads({entry.key: entry.value for entry in about}["file_vertices"]) == [2, 0, -1, 1, 0]
+
+
+def test_models_of_other_faces_say_nothing_of_a_file(deployed):
+    about = onnx.load(deployed[0] / "deploy_small_coarse.onnx").metadata_props
+    assert "file_vertices" not in {entry.key for entry in about}

@@ -25,6 +25,16 @@ def test_figure_1_shows_head_and_forehead_with_both_errors_below(record):
     assert "Refined 0.50 mm, 0.00°" in words.alt and "Fig. 1)" in words.caption
 
 
+def test_the_words_speak_of_creases_and_of_hair_only_where_there_are_any(record):
+    smooth = replace(record, neutral=record.vertices["truth"])
+    triangle = (np.zeros((3, 3), np.float32), np.array([[0, 1, 2]]), (0, 0, 0))
+    haired = replace(record, props=(("hair_long", *triangle),))
+    creased, plain, hidden = (figure01(each, across=24)[1].caption for each in (record, smooth, haired))
+    assert "the close-up below shows which creases of the forehead a method keeps" in creased
+    assert "the close-up below is of the forehead, which has no creases here" in plain
+    assert "the close-up below, without what hides it, shows which creases" in hidden
+
+
 def test_the_captions_of_the_figures_differ(record):
     drawn = [figure01(record, 24), figure09(record, across=24),
              figure10(record, across=24)]  # fmt: skip

@@ -32,6 +32,12 @@ def test_the_words_point_at_creases_only_where_the_pose_folds_the_forehead(recor
     assert "creases" not in plain and "has no wrinkles" in plain and "test pose 7 of teen" in plain
 
 
+def test_the_words_say_when_no_region_is_a_forehead(record):
+    words = figure09(replace(record, region_names=("eyes", "mouth")), across=40)[1]
+    assert "names no control of the brows" in words.caption and "creases" not in words.caption
+    assert "mean normal error (Eq. 11) of the whole mesh" in words.caption
+
+
 def test_a_second_picture_shows_where_refinement_changes_most(record):
     coarse, truth = record.vertices["coarse"], record.vertices["truth"]
     here = np.linalg.norm(truth[:, :2] - np.float32([-30, -40]), axis=1) < 20

@@ -8,7 +8,7 @@ from data_recipes.catalogue import forget_folders, load_rig, sampled_parts
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Rig, has_function
 from data_recipes.sampled import sampled_rig
-from data_recipes.sampled.importing import EYES_MM, import_rig
+from data_recipes.sampled.importing import EYES_MM, import_rig, spread_out
 from data_recipes.sampled.sampled_rig import UnknownPoseError
 
 
@@ -158,3 +158,12 @@ def test_vertices_in_no_face_stand_still_wherever_they_are_and_are_no_points(tmp
     np.testing.assert_array_equal(rig.mesh.neutral[:30], box.mesh.neutral)
     np.testing.assert_array_equal(rig.landmarks, box.landmarks)
     np.testing.assert_array_equal(rig.control_points, box.control_points)
+
+
+@pytest.mark.parametrize("still", [0.0, 1e-5])
+def test_points_are_vertices_that_move_where_most_stand_still(still):
+    places = np.stack([np.arange(100.0), np.zeros(100), np.zeros(100)], axis=1)
+    motion = np.full(100, still)
+    motion[20:40] = np.arange(1, 21)
+    assert sorted(spread_out(places, motion, 20)) == list(range(30, 40)), "the half of those that move farther"
+    assert len(spread_out(places, np.zeros(100), 5)) == 5

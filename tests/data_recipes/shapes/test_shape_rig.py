@@ -8,6 +8,7 @@ from shape_faces import ARKIT, METRES, half, shapes_of, split_sheet, worst_linea
 from data_recipes.catalogue import build_rig, character_parts, control_count, load_rig, save_rig
 from data_recipes.recipe_paths import character_label, sample_folder, shape_file
 from data_recipes.rig import within_limits
+from data_recipes.shapes.shape_rig import prop_name
 from replicate.base.exceptions import InputError
 
 
@@ -21,7 +22,7 @@ def built(tmp_path_factory):
 def test_the_rig_is_the_neutral_and_the_weighted_sum_of_the_files_shapes(built):
     _, vertices, shapes, rig = built
     assert [control.name for control in rig.controls] == list(ARKIT)
-    place = rig.face.constants["file_vertices"]["place"][: len(vertices)]
+    place = rig.file_vertices[: len(vertices)]
     poses = np.random.default_rng(1).uniform(0, 1, (20, len(ARKIT))).astype(np.float32)
     moved = rig(poses)[:, place] - rig.mesh.neutral[place]
     truth = np.tensordot(poses, np.stack(list(shapes.values())), 1)
@@ -32,9 +33,16 @@ def test_the_rig_is_the_neutral_and_the_weighted_sum_of_the_files_shapes(built):
 def test_vertices_on_both_sides_of_a_seam_are_one(built):
     _, vertices, _, rig = built
     assert len(rig.mesh.neutral) == len(vertices) - 12
-    place = rig.face.constants["file_vertices"]["place"]
+    place = rig.file_vertices
     assert len(np.unique(place[: len(vertices)])) == len(rig.mesh.neutral)
     assert (place[len(vertices) :] == -1).all(), "parts that stand still are no vertices of the rig"
+
+
+def test_a_loaded_rig_says_where_the_files_vertices_are(built, tmp_path):
+    _, vertices, _, rig = built
+    save_rig(rig, tmp_path)
+    assert len(rig.file_vertices) > len(vertices), "parts that are only shown have theirs"
+    np.testing.assert_array_equal(load_rig(tmp_path).file_vertices, rig.file_vertices)
 
 
 def test_vertices_that_coincide_and_move_apart_stay_two(tmp_path):
@@ -52,8 +60,25 @@ def test_vertices_that_coincide_and_move_apart_stay_two(tmp_path):
 
 def test_what_stands_still_near_the_face_is_shown_and_what_is_far_is_left_out(built):
     *_, rig = built
-    assert [prop[0] for prop in rig.pose_props(rig.default)] == ["EyeLeft"]
+    assert [prop[0] for prop in rig.pose_props(rig.default)] == ["eye_left"]
     assert rig.mesh.segment_names == ("Head",)
+
+
+@pytest.mark.parametrize(
+    ("name", "ours"),
+    [
+        ("EyeLeft", "eye_left"),
+        ("Cornea_R", "eye_cornea_right"),
+        ("Eyes", "eyes_Eyes"),
+        ("Eyelashes", "brow_Eyelashes"),
+        ("Wolf3D_Hair", "hair_Wolf3D_Hair"),
+        ("Eyewear", "glasses_Eyewear"),
+        ("TeethUpper", "TeethUpper"),
+        ("", "part"),
+    ],
+)
+def test_parts_that_are_only_shown_get_the_names_by_which_pictures_go(name, ours):
+    assert prop_name(name) == ours
 
 
 def test_a_folder_with_a_mesh_for_each_shape_is_the_same_rig(tmp_path, built):
@@ -77,7 +102,7 @@ def test_default_weights_are_the_neutral_face(tmp_path):
     vertices, shapes = write_face(tmp_path / "a.glb", ARKIT[:4], weights=[0.5, 0, 0, 0])
     rig = build_rig(str(tmp_path / "a.glb"))
     assert rig.default.tolist() == [0.5, 0, 0, 0]
-    place = rig.face.constants["file_vertices"]["place"][: len(vertices)]
+    place = rig.file_vertices[: len(vertices)]
     rest = vertices + 0.5 * shapes[ARKIT[0]]
     assert np.abs(np.diff(rig.mesh.neutral[place] - rest, axis=0)).max() < 1e-4
 
@@ -88,7 +113,7 @@ def test_a_saved_rig_is_loaded_as_it_was(tmp_path, built):
     again = load_rig(tmp_path / "rig")
     pose = rig.clips[0].values[:5]
     np.testing.assert_array_equal(again(pose), rig(pose))
-    assert [prop[0] for prop in again.pose_props(rig.default)] == ["EyeLeft"]
+    assert [prop[0] for prop in again.pose_props(rig.default)] == ["eye_left"]
 
 
 def test_training_poses_stay_within_the_controls_limits(built):
@@ -124,7 +149,7 @@ def test_joints_turn_what_their_weights_carry(tmp_path):
         ("HeadTop_x", -0.3333, 1.0),
     ]
     pose = np.array([0.5, 1.0], np.float32)
-    place = rig.face.constants["file_vertices"]["place"]
+    place = rig.file_vertices
     shift = rig.mesh.neutral[place[0]] - vertices[0]
     posed = vertices + 0.5 * shape
     angle = np.radians(30)
