@@ -104,9 +104,15 @@ def load_face(inputs: Mapping[str, Path], unit: str, map_size: int) -> Face:
     )  # fmt: skip
 
 
-def look(face: Face) -> list[Finding]:
-    """Return all findings about a face: of the whole, of each control in its order, of each segment in its order."""
-    shapes, rest = effects(face)
+def look(face: Face, tries: bool = True) -> list[Finding]:
+    """Return all findings about a face: of the whole, of each control in its order, of each segment in its order.
+
+    tries: False for a glance that evaluates no rig, so that what its controls move isn't known, but for samples.
+    """
+    if tries or not has_function(face.rig):
+        shapes, rest = effects(face)
+    else:
+        shapes, rest = np.zeros((len(face.rig.controls), 1, 3), np.float32), np.zeros_like(face.rig.mesh.neutral)
     controls, segments = list(control_findings(face, shapes)), list(segment_findings(face, rest))
     whole = [*facts(face), *pose_findings(face), *alike_findings(face, shapes), *seam_findings(face)]
     return [*whole, *summaries(face, controls, segments), *controls, *segments]
@@ -164,7 +170,7 @@ def pose_findings(face: Face) -> Iterator[Finding]:
     few = f"{len(samples)} training poses for {m} controls are few, {FEW_POSES} a control the least: sample more"
     is_few = share < FEW_POSES
     yield Finding(FACE, "", "poses_a_control", "ratio", share, WORSE if is_few else OK, few if is_few else "")
-    beyond = test_beyond(np.asarray(samples.params), np.asarray(samples.test_params), face.ranges)
+    beyond = beyond_training(np.asarray(samples.params), np.asarray(samples.test_params), face.ranges)
     far = (
         f"{beyond.mean():.0%} of the {len(beyond)} test poses lie outside what training has seen, so their errors are "
         "those of extrapolation: sample more poses of their kind"
@@ -174,7 +180,7 @@ def pose_findings(face: Face) -> Iterator[Finding]:
     yield Finding(FACE, "", "test_poses_beyond", "ratio", float(beyond.mean()), verdict, sentence)
 
 
-def test_beyond(
+def beyond_training(
     training: Float[np.ndarray, "a m"], test: Float[np.ndarray, "t m"], limits: Float[np.ndarray, " m"]
 ) -> Bool[np.ndarray, " t"]:
     """Return which test poses lie outside the ranges of training, or far from each of its poses.
@@ -312,7 +318,7 @@ def alike_findings(face: Face, shapes: Float[np.ndarray, "m n 3"]) -> Iterator[F
 
 def segment_findings(face: Face, rest: Float[np.ndarray, "n 3"]) -> Iterator[Finding]:
     """Yield for each segment its size, its controls, its texels, and how far its poses lie from its place."""
-    mesh, misplaced = face.rig.mesh, face.misplaced_mm or {}
+    mesh, misplaced, crowd = face.rig.mesh, face.misplaced_mm or {}, vertices_a_texel(face)
     for k, name in enumerate(mesh.segment_names):
         members = np.flatnonzero(mesh.segment == k)
         row, neutral = Finding(SEGMENT, name, "", "", None), mesh.neutral[members]
@@ -328,11 +334,13 @@ def segment_findings(face: Face, rest: Float[np.ndarray, "n 3"]) -> Iterator[Fin
         left = misplaced.get(name)
         yield replace(row, metric="misplaced", unit="mm", value=left, verdict=OK if left is None else WORSE)
         seen = int(face.influence[members].any(axis=0).sum())
-        yield replace(row, metric="controls", unit="count", value=seen)
+        bad = OK if seen or k in face.rigid else WORSE
+        yield replace(row, metric="controls", unit="count", value=seen, verdict=bad)
         if k not in face.rigid:
             texels = face.map_size**2 / len(members)
             bad = WORSE if texels < TEXELS else OK
             yield replace(row, metric="texels_a_vertex", unit="ratio", value=texels, verdict=bad)
+            yield replace(row, metric="vertices_a_texel_max", unit="count", value=int(crowd[members].max()))
 
 
 def nearest_segment(face: Face, segment: int, rest: Float[np.ndarray, "n 3"]) -> str:
@@ -342,6 +350,15 @@ def nearest_segment(face: Face, segment: int, rest: Float[np.ndarray, "n 3"]) ->
     members = mesh.segment == segment
     away = np.linalg.norm(np.array(centres) - (mesh.neutral[members] + rest[members]).mean(axis=0), axis=1)
     return mesh.segment_names[int(away.argmin())]
+
+
+def vertices_a_texel(face: Face) -> Int[np.ndarray, " n"]:
+    """Return how many vertices of its segment lie in each vertex's texel; 0 in segments that have no map."""
+    mesh, size = face.rig.mesh, face.map_size
+    texel = np.minimum((mesh.uv * size).astype(int), size - 1)
+    place = (mesh.segment * size + texel[:, 1]) * size + texel[:, 0]
+    _, inverse, counts = np.unique(place, return_inverse=True, return_counts=True)
+    return np.where(np.isin(mesh.segment, face.rigid), 0, counts[inverse.ravel()])
 
 
 # What all controls or segments with the same verdict are told in one sentence.
@@ -380,6 +397,9 @@ def _sentence(face: Face, metric: str, those: Sequence[Finding], names: str) -> 
         "off_its_place": f"the poses of {count} segment{'s' * (not one)} lie up to "
         f"{max(each.value or 0 for each in those):.3g} mm from the mesh ({names}): write the parts of mesh and "
         "poses in one order",
+        "controls": f"no control was found to move {count} segment{'s' * (not one)} ({names}), so that networks there "
+        "see all of them: sample more poses, say in the folder which control moves which vertex, or leave out what "
+        "stands still",
         "misplaced": f"{count} segment{'s' * (not one)} move{'s' * one} rigidly, but no vertices with "
         f"{'it' if one else 'them'} ({names}), so networks deform {'it' if one else 'them'}, less exactly: include "
         "what carries such parts, if there is anything",

@@ -19,7 +19,6 @@ from replicate.targets.check.shown import (
     poses_figure,
     reach_chart,
     read_findings,
-    texels_figure,
     write_findings,
 )
 
@@ -52,7 +51,6 @@ def write_check(context: StageContext) -> None:
     pictures = {
         "": poses_figure(face, settings.character),
         "_reach": reach_chart(findings, settings.character),
-        "_texels": texels_figure(face, settings.character),
     }
     for what, (figure, words) in pictures.items():
         save_figure(figure, stem.with_name(f"{stem.name}{what}.png"), words)

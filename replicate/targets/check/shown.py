@@ -26,6 +26,8 @@ from replicate.rig_study.first_look import (
     WORSE,
     Face,
     Finding,
+    listed,
+    vertices_a_texel,
     warnings,
 )
 from replicate.targets.figure07 import segment_palette, shown_segment
@@ -137,7 +139,7 @@ def _segment_line(entry: dict[str, Finding]) -> str:
 def facts_in_words(findings: Sequence[Finding]) -> str:
     """Return counts and sizes in one line."""
     value = {each.metric: each.value for each in findings if each.kind == FACE}
-    parts = [f"{value[name]:,.0f} {name}" for name in ("vertices", "faces", "segments", "controls")]
+    parts = [_counted(value[name], name) for name in ("vertices", "faces", "segments", "controls")]
     unit = next(each.name for each in findings if each.metric == "size")
     threshold = value["influence_threshold"]
     return (
@@ -150,6 +152,10 @@ def facts_in_words(findings: Sequence[Finding]) -> str:
             else "what moves which vertex is stated by the author"
         )
     )
+
+
+def _counted(count: float | None, name: str) -> str:
+    return f"{count:,.0f} {name[:-1] if count == 1 else name}"
 
 
 def warnings_table(character: str, findings: Sequence[Finding]) -> Table:
@@ -175,10 +181,14 @@ def segments_table(character: str, findings: Sequence[Finding]) -> Table:
 
 SHOWN_POSES = 6
 COLUMNS_SHOWN = 4
+ASPECT = 0.85  # a picture's width over its height
 
 
 def poses_figure(face: Face, character: str) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Draw a face at rest and in test poses far apart, in its segments' colours, and return (figure, words)."""
+    """Draw a face at rest, in test poses far apart, and by its vertices a texel; return (figure, words).
+
+    Its segments have colours, if several deform.
+    """
     mesh, samples = face.rig.mesh, face.samples
     many = len(mesh.segment_names) - len(face.rigid) > 1
     colours = np.array(segment_palette(mesh, face.rigid), np.uint8)[shown_segment(mesh)] if many else CLAY
@@ -190,16 +200,25 @@ def poses_figure(face: Face, character: str) -> "tuple[matplotlib.figure.Figure,
         [Surface(vertices, mesh.faces, colours), *prop_surfaces(face.rig.pose_props(params))]
         for _, params, vertices in poses
     ]
+    crowd = vertices_a_texel(face)
+    limit = max(2.0, float(np.quantile(crowd, 0.99)))
+    scenes.append([Surface(mesh.neutral, mesh.faces, error_colours(crowd[mesh.faces].mean(axis=1), limit), lit=False)])
     camera = camera_for("front", mesh.neutral)
-    camera = frame_surfaces(camera, [surface for scene in scenes for surface in scene], 0.85)
+    camera = frame_surfaces(camera, [surface for scene in scenes for surface in scene], ASPECT)
     width = cell_width(COLUMNS_SHOWN)
-    pictures = [render(scene, camera, width, round(width / 0.85), BACKGROUND, EVEN) for scene in scenes]
-    cells = [Cell(title, (picture,)) for (title, *_), picture in zip(poses, pictures, strict=True)]
-    names = ", ".join(mesh.segment_names)
-    return face_sheet(cells, COLUMNS_SHOWN), Words(
-        f"{character} at rest and in {len(chosen)} test poses far apart, its segments in colours.",
-        f"{character} as the mesh has it, and in {len(chosen)} test poses that are far apart. Colours are those of its "
-        f"segments: {names}. Each must sit in its place in every pose.",
+    pictures = [render(scene, camera, width, round(width / ASPECT), BACKGROUND, EVEN) for scene in scenes]
+    titles = [*(title for title, *_ in poses), "vertices a texel"]
+    cells = [Cell(title, (picture,)) for title, picture in zip(titles, pictures, strict=True)]
+    names, maps = listed(mesh.segment_names), f"maps of {face.map_size} × {face.map_size} texels"
+
+    def bar(figure, axes):
+        colour_bar(figure, axes, limit, f"vertices a texel of {maps}", orientation="horizontal")
+
+    return face_sheet(cells, COLUMNS_SHOWN, bar=bar), Words(
+        f"{character} at rest, in {len(chosen)} test poses far apart, and coloured by how many vertices share a texel.",
+        f"{character} as the mesh has it, in {len(chosen)} test poses that are far apart, and by how many vertices "
+        f"share a texel of {maps}. Colours of poses are those of segments: {names}. Each must be in its place in all "
+        "poses. Where vertices share a texel, neighbours can't move on their own, however good a network is.",
     )
 
 
@@ -218,54 +237,28 @@ def reach_chart(findings: Sequence[Finding], character: str) -> "tuple[matplotli
     left_out = max(0, len(order) - LONGEST)
     if left_out:
         order = [*order[: LONGEST // 2], *order[-(LONGEST // 2) :]]
+    gap = LONGEST // 2 if left_out else len(order)  # a line stands there for those that are left out
+    lines = [k + (k >= gap) for k in range(len(order))]
     never = [name for name in order if not entries[name]["used_in_training"].value]
     figure = Figure((WIDTH, LINE * len(order) + FRAME), dpi=DPI, layout="constrained")
     axes = figure.subplots()
     colours = [MARKED if name in never else "#4d7ea8" for name in order]
-    axes.barh(range(len(order)), [reach[name] or 0.0 for name in order], color=colours)
+    axes.barh(lines, [reach[name] or 0.0 for name in order], color=colours)
     farthest = max((value or 0.0 for value in reach.values()), default=1.0) or 1.0
-    for k, name in enumerate(order):
+    for k, name in zip(lines, order, strict=True):
         if name in never:
             axes.text(0.01 * farthest + (reach[name] or 0.0), k, "never moves in training", va="center", color=MARKED)
-    axes.set_yticks(range(len(order)), [name.replace("_", " ") for name in order])
-    axes.set_ylim(len(order) - 0.4, -0.6)
+    if left_out:
+        axes.text(0, gap, f"  … {left_out} more …", va="center")
+    axes.set_yticks(lines, [name.replace("_", " ") for name in order])
+    axes.set_ylim(len(order) + bool(left_out) - 0.4, -0.6)
     axes.set_xlabel("how far it moves a vertex at most, mm")
     tidy(axes)
     enlarge(axes, 10.5)
-    some = f" {left_out} between the two halves are left out." if left_out else ""
     all_never = sum(not entry["used_in_training"].value for entry in entries.values())
     never_in_words = f"{all_never} of {len(entries)} never move in training." if all_never else "All move in training."
     return figure, Words(
         f"A bar chart of how far the controls of {character} move a vertex, up to {farthest:.3g} mm. {never_in_words}",
         f"How far each control of {character} moves a vertex at most, alone and from rest to the end of its limits, "
-        f"or of what training has where only samples are known. {never_in_words}{some}",
+        f"or of what training has where only samples are known. {never_in_words}",
     )
-
-
-def texels_figure(face: Face, character: str) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Draw how many texels a vertex has in each part of a face, in colours, and return (figure, words)."""
-    mesh = face.rig.mesh
-    few = vertices_a_texel(face)
-    limit = max(2.0, float(np.quantile(few, 0.99)))
-    colours = error_colours(few[mesh.faces].mean(axis=1), limit)
-    width, cells = cell_width(3), []
-    for view, title in (("front", "front"), ("three_quarter", "three-quarter")):
-        surface = Surface(mesh.neutral, mesh.faces, colours, lit=False)
-        camera = frame_surfaces(camera_for(view, mesh.neutral), [surface], 0.85)
-        cells.append(Cell(title, (render([surface], camera, width, round(width / 0.85)),)))
-    bar = lambda figure, axes: colour_bar(figure, axes, limit, "vertices a texel", orientation="horizontal")  # noqa: E731
-    figure = face_sheet(cells, 2, bar=bar)
-    return figure, Words(
-        f"{character} in colours: how many vertices share a texel of a map of {face.map_size} × {face.map_size}.",
-        f"How many vertices of {character} share a texel of maps of {face.map_size} × {face.map_size}: where it is "
-        "more than one, neighbours can't move on their own, however good a network is.",
-    )
-
-
-def vertices_a_texel(face: Face) -> np.ndarray:
-    """Return how many vertices of its segment lie in each vertex's texel; 0 in segments that have no map."""
-    mesh, size = face.rig.mesh, face.map_size
-    texel = np.minimum((mesh.uv * size).astype(int), size - 1)
-    place = (mesh.segment * size + texel[:, 1]) * size + texel[:, 0]
-    _, inverse, counts = np.unique(place, return_inverse=True, return_counts=True)
-    return np.where(np.isin(mesh.segment, face.rigid), 0, counts[inverse.ravel()])
