@@ -400,9 +400,10 @@ def _sentence(face: Face, metric: str, those: Sequence[Finding], names: str) -> 
         "controls": f"no control was found to move {count} segment{'s' * (not one)} ({names}), so that networks there "
         "see all of them: sample more poses, say in the folder which control moves which vertex, or leave out what "
         "stands still",
-        "misplaced": f"{count} segment{'s' * (not one)} move{'s' * one} rigidly, but no vertices with "
-        f"{'it' if one else 'them'} ({names}), so networks deform {'it' if one else 'them'}, less exactly: include "
-        "what carries such parts, if there is anything",
+        "misplaced": f"{count} segment{'s' * (not one)} move{'s' * one} rigidly, but no vertices quite with "
+        f"{'it' if one else 'them'} ({names}): the closest would misplace {'it' if one else 'them'} by up to "
+        f"{max(each.value or 0 for each in those):.2g} mm, so networks deform {'it' if one else 'them'}, less exactly; "
+        "include what carries such parts, if there is anything",
         "texels_a_vertex": f"{count} segment{'s' * (not one)} ha{'s' if one else 've'} less than a texel a vertex in "
         f"maps of {face.map_size} × {face.map_size} ({names}): cut the face into more segments, or set [coarse] "
         "map_size in a CONFIG file",
@@ -413,5 +414,5 @@ def unit_in_words(recipe: object) -> str:
     """Return how the unit of a character is known, from what its rig is built of, as `Face` has it."""
     unit = getattr(getattr(recipe, "face", None), "unit", None)
     if unit is None:
-        return "mm, as all recipes"
+        return "mm, as in all recipes"
     return f"{unit}, as its face.toml says" if unit else "guessed from the size of what moves"

@@ -19,6 +19,7 @@ from replicate.drawing.scene import CLAY, Surface, camera_for, frame_surfaces
 from replicate.report.tables import Table, round_off
 from replicate.rig_study.first_look import (
     CONTROL,
+    EFFECT_MM,
     FACE,
     MEANINGLESS,
     OK,
@@ -117,11 +118,22 @@ def _control_line(entry: dict[str, Finding]) -> str:
     value = {metric: each.value for metric, each in entry.items()}
     if not value["used_in_training"]:
         return "never moves in training"
-    reach = "–" if value["reach"] is None else round_off(value["reach"], "mm")
+    moves = f"moves {value['vertices']:,.0f} vertices, "
+    if quiet := _quiet(entry):
+        moves += quiet
+    else:
+        moves += "by how much isn't known" if value["reach"] is None else f"up to {round_off(value['reach'], 'mm')} mm"
     return (
         f"{value['training_low']:.3g} to {value['training_high']:.3g} in training, in {value['used_in_training']:.0%} "
-        f"of the poses; moves {value['vertices']:,.0f} vertices, up to {reach} mm"
+        f"of the poses; {moves}"
     )
+
+
+def _quiet(entry: dict[str, Finding]) -> str:
+    """Return in words that a control moves nothing by itself, or nothing at all; "" for others."""
+    if entry["reach"].value is None or entry["reach"].value > EFFECT_MM:
+        return ""
+    return "only together with others" if entry["vertices"].value else "moves nothing"
 
 
 def _segment_line(entry: dict[str, Finding]) -> str:
@@ -130,10 +142,11 @@ def _segment_line(entry: dict[str, Finding]) -> str:
     if value["rigid"]:
         how = "is rigid and follows others" if value["misplaced"] is None else "is rigid and follows nothing"
     texels = f", {value['texels_a_vertex']:.2g} texels a vertex" if "texels_a_vertex" in value else ""
-    return (
-        f"{value['vertices']:,.0f} vertices, {value['controls']:.0f} controls, {how}{texels}, "
-        f"{round_off(value['off_its_place'], 'mm')} mm from its place"
+    away = (
+        "" if value["off_its_place"] <= EFFECT_MM else f", {round_off(value['off_its_place'], 'mm')} mm from its place"
     )
+    vertices, controls = _counted(value["vertices"], "vertices"), _counted(value["controls"], "controls")
+    return f"{vertices}, {controls}, {how}{texels}{away}"
 
 
 def facts_in_words(findings: Sequence[Finding]) -> str:
@@ -224,7 +237,7 @@ def poses_figure(face: Face, character: str) -> "tuple[matplotlib.figure.Figure,
 
 LONGEST = 60  # controls that a chart has lines for: those that reach farthest, and those that reach least
 LINE, FRAME = 0.22, 1.2  # inches
-MARKED = "#b2182b"
+MARKED, GREY = "#b2182b", "#666666"
 
 
 def reach_chart(findings: Sequence[Finding], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -246,8 +259,10 @@ def reach_chart(findings: Sequence[Finding], character: str) -> "tuple[matplotli
     axes.barh(lines, [reach[name] or 0.0 for name in order], color=colours)
     farthest = max((value or 0.0 for value in reach.values()), default=1.0) or 1.0
     for k, name in zip(lines, order, strict=True):
-        if name in never:
-            axes.text(0.01 * farthest + (reach[name] or 0.0), k, "never moves in training", va="center", color=MARKED)
+        words = "never moves in training" if name in never else _quiet(entries[name])
+        axes.text(
+            0.01 * farthest + (reach[name] or 0.0), k, words, va="center", color=MARKED if name in never else GREY
+        )
     if left_out:
         axes.text(0, gap, f"  … {left_out} more …", va="center")
     axes.set_yticks(lines, [name.replace("_", " ") for name in order])
