@@ -88,12 +88,6 @@ class FaceRig(FunctionRig):
         return self.face.rigid
 
     @property
-    def file_vertices(self) -> Int[np.ndarray, " v"] | None:
-        """For each vertex of a file its place among the rig's, −1 for what is only shown; None for no file's face."""
-        places = self.face.constants.get("file_vertices")
-        return None if places is None else np.asarray(places["place"])
-
-    @property
     def hard_limits(self) -> bool:
         """Whether poses beyond the controls' limits mean nothing."""
         return self.face.chain.hard_limits

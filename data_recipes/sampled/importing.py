@@ -77,7 +77,7 @@ def import_rig(
         face.licence,
         moves=found.moves,
         rigid_segments=rigid,
-        file_vertices=place,
+        file_vertices=place.astype(np.int32) if found is not whole else np.zeros(0, np.int32),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ class SampledRig(ControlledRig):
     source, licence: texts of its author.
     moves: (n, m), which control moves which vertex, if its author says so.
     rigid_segments: names of those that move rigidly, if its author says so.
-    file_vertices: for each vertex of its file its place among the rig's, which has coincident ones once.
+    file_vertices: for each vertex of its file its place among the rig's, where that has coincident ones once; else ().
     """
 
     name: str
@@ -53,11 +53,11 @@ class SampledRig(ControlledRig):
     control_point_names: tuple[str, ...] = ()
     moves: np.ndarray | None = None
     rigid_segments: tuple[str, ...] = ()
-    file_vertices: np.ndarray | None = None
+    file_vertices: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def __post_init__(self) -> None:
-        for field in ("landmarks", "control_points"):
-            object.__setattr__(self, field, np.asarray(getattr(self, field), np.int32))
+        for name in ("landmarks", "control_points"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), np.int32))
         check_parts(self)
 
     @property
@@ -107,8 +107,8 @@ def is_sampled(folder: Path) -> bool:
 def save_rig(rig: SampledRig, folder: Path) -> None:
     """Write a rig into the folder that has its poses; the description goes last."""
     rig.mesh.save(folder / MESH)
-    places = np.arange(len(rig.mesh.neutral)) if rig.file_vertices is None else rig.file_vertices
-    np.savez(folder / POINTS, landmarks=rig.landmarks, control_points=rig.control_points, file_vertices=places)
+    points = {name: getattr(rig, name) for name in ("landmarks", "control_points", "file_vertices")}
+    np.savez(folder / POINTS, **points)
     if rig.moves is not None:
         np.save(folder / MOVES, rig.moves)
     description = {

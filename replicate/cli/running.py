@@ -2,13 +2,17 @@
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 
+from tqdm import tqdm
+
 from data_recipes.catalogue import control_count
-from data_recipes.recipe_paths import character_label
+from data_recipes.recipe_paths import character_label, in_command
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.paths import REFERENCE
 from replicate.cli.options import SPLITS, configurations, methods, seeds, workers
@@ -16,11 +20,12 @@ from replicate.config import Config, resolve
 from replicate.engine.provenance import provenance
 from replicate.engine.scheduler import run, wall_s
 from replicate.engine.stage import Stage, in_order
+from replicate.engine.store import artefact_folder
 from replicate.methods import artefacts
 from replicate.methods.method import Method
 from replicate.methods.method_registry import methods as all_methods
 from replicate.methods.method_registry import sections
-from replicate.methods.plan import Plan
+from replicate.methods.plan import Plan, TrainingSettings
 from replicate.methods.trained import Taken, TrainedPlan, plan_for
 from replicate.report import manifest
 from replicate.report.publication import CharacterResult, check_results_folder
@@ -116,7 +121,50 @@ def _run(
     facts = provenance(options.command_line, options.profile, sorted({config.seed for config in configs}), side_by_side)
     # a cluster's workers and their speed are unknown
     forecast = None if options.cluster else partial(foresee, workers=side_by_side)
-    run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster, forecast, failures)
+    stages = [stage for graph in graphs for stage in graph]
+    run(stages, side_by_side, facts, options.cluster, forecast, failures, remarks_before_training(configs, graphs))
+
+
+BEFORE_TRAINING = ("rig", "samples", "influence", "rigid")  # the stages that a look at a face needs
+
+
+def remarks_before_training(
+    configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]
+) -> Callable[[Collection[str]], None]:
+    """Return a function of the artefacts that are there, by their identifiers, that says what is amiss with a face.
+
+    It does so once for each character whose networks are to be trained, on standard error in two lines at most, as soon
+    as what training begins with is there.
+    """
+    waiting: dict[str, tuple[Config, dict[str, Stage]]] = {}
+    for config, graph in zip(configs, graphs, strict=True):
+        stages = in_order(list(graph))
+        first = {stage.name: stage for stage in stages if stage.name in BEFORE_TRAINING}
+        if len(first) == len(BEFORE_TRAINING) and any(isinstance(stage.config, TrainingSettings) for stage in stages):
+            waiting.setdefault(config.character, (config, first))
+
+    def arrived(there: Collection[str]) -> None:
+        for character, (config, first) in list(waiting.items()):
+            if all(stage.identifier in there for stage in first.values()):
+                del waiting[character]
+                with suppress(Exception):  # a remark must not end a run
+                    for line in remarks(config, first):
+                        tqdm.write(line, file=sys.stderr)
+
+    return arrived
+
+
+def remarks(config: Config, first: Mapping[str, Stage]) -> list[str]:
+    """Return what is amiss with a character in two lines at most. first: the stages `BEFORE_TRAINING`, by name."""
+    from replicate.rig_study.first_look import load_face, look, unit_in_words, warnings
+
+    inputs = {name: artefact_folder(stage.identifier) for name, stage in first.items()}
+    face = load_face(inputs, unit_in_words(first["rig"].config.recipe), config.coarse.map_size)
+    said = warnings(look(face, tries=False))
+    label, command = character_label(config.character), f"`make check CHARACTERS={in_command(config.character)}`"
+    lines = [f"{label}: {said[0].verdict}: {said[0].sentence}"] if said else []
+    rest = f"{len(said) - 1} more of the kind, and pictures" if len(said) > 1 else "pictures of it"
+    return [*lines, f"{label}: {command} shows {rest}"] if said else []
 
 
 def _results(configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]) -> list[CharacterResult]:

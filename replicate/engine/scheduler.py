@@ -2,7 +2,7 @@
 
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 
 from replicate.base.exceptions import InputError, RunError
@@ -26,6 +26,7 @@ def run(
     cluster: str | None = None,
     foresee: Callable[[list[Stage]], tuple[str, Mapping[str, float | None]]] | None = None,
     failures: dict[str, InputError | RunError] | None = None,
+    arrived: Callable[[Set[str]], None] = lambda there: None,
 ) -> dict[str, Path]:
     """Make what is missing of a graph, and return the artefacts' folders by the stages' titles.
 
@@ -35,6 +36,7 @@ def run(
     cluster: where the stages run instead, as CLUSTER names it (see `cluster.config`).
     foresee: missing stages → a line to print first, or "", and the expected seconds of each by its identifier, or None.
     failures: if given, a failed stage stops only those that need it, and its error is put here by its title.
+    arrived: called with the identifiers of the artefacts that are there, before one is made and after each that is.
 
     Prints what was made, or that there was nothing to do. Raises the InputError or RunError of a stage, RunError if one
     fails otherwise or is killed; then all others are ended, as they are by SIGINT, SIGTERM and SIGHUP. Raises
@@ -52,8 +54,11 @@ def run(
                 print(line, flush=True)
             count = workers or core_count()
             forecast = Forecast(expected, None if elsewhere else count)
+            there = {stage.identifier for stage in graph} - {stage.identifier for stage in missing}
+            arrived(there)
             with ended_by_signals():
-                lost = _make(_tasks(missing, facts or {}), _executor(elsewhere, count), failures, forecast)
+                tasks, executor = _tasks(missing, facts or {}), _executor(elsewhere, count)
+                lost = _make(tasks, executor, failures, forecast, lambda made: arrived(there | made))
     if not missing:
         print(f"nothing to do: {len(graph)} artefacts up to date", flush=True)
     else:
@@ -131,10 +136,15 @@ def wall_s(missing: Sequence[Stage], times: Mapping[str, float | None], workers:
 
 
 def _make(
-    tasks: list[Task], executor: Executor, failures: dict[str, InputError | RunError] | None, forecast: Forecast
+    tasks: list[Task],
+    executor: Executor,
+    failures: dict[str, InputError | RunError] | None,
+    forecast: Forecast,
+    arrived: Callable[[Set[str]], None],
 ) -> int:
     """Run tasks to their end and return how many were lost; raises as `run` does, with nothing left running."""
     lost: set[str] = set()
+    made: set[str] = set()
     run_display, next_look_s = RunDisplay(len(tasks)), 0.0
     undone = {task.identifier: task.stage for task in tasks}
     displays: dict[str, StageDisplay] = {}
@@ -153,8 +163,9 @@ def _make(
                         lost |= _without(identifier, tasks, undone)
                     if message["event"] == "done" and display:
                         forecast.done(identifier, display.seconds)
-                if message["event"] == "done":
-                    undone.pop(identifier, None)
+                if message["event"] == "done" and undone.pop(identifier, None):
+                    made.add(identifier)
+                    arrived(made)
             for display in displays.values():
                 display.tick()
             if time.monotonic() >= next_look_s:

@@ -21,7 +21,7 @@ def failing(monkeypatch, cache, tmp_path):
         monkeypatch.setattr(module, "publish", lambda results, *_: published.extend(each.stage for each in results))
 
     def start(target: str, reasons: dict[str, Exception], *words: str) -> tuple[int, list[Stage]]:
-        def run(stages, workers, facts, cluster, forecast, failures):
+        def run(stages, workers, facts, cluster, forecast, failures, *_):
             titles = {stage.title for stage in in_order(stages)}
             failed = {title: error for title, error in reasons.items() if title in titles}
             if failures is None:  # the first failure ends all

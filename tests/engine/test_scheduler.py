@@ -66,6 +66,16 @@ def test_what_is_missing_is_foreseen_before_it_is_made(cache, capfd):
     assert len(asked) == 1 and "nothing to do" in capfd.readouterr().out
 
 
+def test_whoever_wants_to_know_is_told_which_artefacts_are_there(cache):
+    told = []
+    stages = toy_graph()
+    graph = in_order(stages)
+    run(graph[:1])
+    run(stages, arrived=lambda there: told.append(set(there)))
+    assert told[0] == {graph[0].identifier} and told[-1] == {stage.identifier for stage in graph}
+    assert [len(there) for there in told] == [1, 2, 3, 4, 5]
+
+
 def test_a_graph_killed_at_ten_random_moments_ends_with_the_same_numbers(cache, tmp_path):
     undisturbed = tmp_path / "undisturbed"
     assert start(undisturbed, 0.04, 12, 2).wait(60) == 0

@@ -193,7 +193,7 @@ def in_this_process(monkeypatch):
     Other tests start processes and build rigs, which takes longer than all that is tested here.
     """
 
-    def run(stages, jobs, facts, cluster, foresee=None, failures=None):
+    def run(stages, jobs, facts, cluster, foresee=None, failures=None, arrived=None):
         for stage in in_order(stages):
             sources = {source.name: store.artefact_folder(source.identifier) for source in stage.inputs}
 

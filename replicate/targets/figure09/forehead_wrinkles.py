@@ -67,8 +67,8 @@ def figure09(
     lead = (
         f"The forehead in {pose}. This rig names no control of the brows, so errors are those of the whole mesh."
         if region == WHOLE
-        else f"Forehead wrinkles in {pose}. Look at the creases above the brows and between them: how deep they are, and "
-        "how far they reach."
+        else f"Forehead wrinkles in {pose}. Look at the creases above the brows and between them: how deep they are, "
+        "and how far they reach."
         if fold_change_deg(record) > CREASED_DEG
         else f"The forehead in {pose}. This rig has no wrinkles; only the smooth shape of the brows differs."
     )
