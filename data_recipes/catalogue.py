@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from data_recipes.acting import clip_file
+from data_recipes.acting.arkit_names import arkit_parts, play_weights
 from data_recipes.acting.expression_poses import expression_poses
 from data_recipes.acting.procedural_acting import Acting, act
 from data_recipes.early_checks import check_early, recipe_controls
@@ -39,6 +40,7 @@ AnyRecipe: TypeAlias = Recipe | FaceKitRecipe | ShapeRecipe
 
 __all__ = [
     "FACE_LANDMARKS",
+    "arkit_parts",
     "build_from_parts",
     "build_rig",
     "character_parts",
@@ -49,6 +51,7 @@ __all__ = [
     "import_sampled",
     "load_rig",
     "performance",
+    "play_weights",
     "read_clip",
     "sampled_parts",
     "save_rig",
