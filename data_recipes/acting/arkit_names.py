@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -117,20 +117,30 @@ def play_weights(
     a rig has once for both sides gets their mean. A control whose upper limit is beyond `LARGEST_WEIGHT`, such as 100,
     reaches it where a weight is 1.
     """
-    wanted = {part: column for column, name in enumerate(names) for part in arkit_parts(name)}
-    columns = {canonical(control.name): column for column, control in reversed(list(enumerate(controls)))}
-    columns |= {control.name: column for column, control in enumerate(controls)}
+    wanted, columns = _columns(names, [control.name for control in controls])
     lower, default, upper = (
         np.array([getattr(control, name) for control in controls]) for name in ("lower", "default", "upper")
     )
     full = np.where(upper > LARGEST_WEIGHT, upper, 1.0) - default
-    amounts, reached = np.zeros((len(weights), len(controls))), set()
+    amounts = np.zeros((len(weights), len(controls)))
     for part, place in wanted.items():
         for name, share in _counterparts(part, wanted, columns):
             amounts[:, columns[name]] += share * weights[:, place]
-            reached.add(names[place])
-    params = np.clip(default + amounts * full, lower, upper)
-    return params, [name for name in names if name not in reached]
+    return np.clip(default + amounts * full, lower, upper), without_counterpart(names, columns)
+
+
+def without_counterpart(names: Sequence[str], controls: Iterable[str]) -> list[str]:
+    """Return which of ARKit's shapes nothing stands for in a rig with these controls."""
+    wanted, columns = _columns(names, list(controls))
+    reached = {place for part, place in wanted.items() if _counterparts(part, wanted, columns)}
+    return [name for place, name in enumerate(names) if place not in reached]
+
+
+def _columns(names: Sequence[str], controls: Sequence[str]) -> tuple[dict[str, int], dict[str, int]]:
+    """Return the places of shapes by `arkit_parts`, and those of controls by `canonical` and by their own names."""
+    wanted = {part: place for place, name in enumerate(names) for part in arkit_parts(name)}
+    columns = {canonical(name): place for place, name in reversed(list(enumerate(controls)))}
+    return wanted, columns | {name: place for place, name in enumerate(controls)}
 
 
 def _counterparts(part: str, wanted: Mapping[str, int], columns: Mapping[str, int]) -> list[tuple[str, float]]:

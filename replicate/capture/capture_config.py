@@ -53,8 +53,12 @@ def default_section(profile: str) -> CaptureConfig:
 
 @dataclass(frozen=True)
 class CaptureSettings:
-    """Whose face is driven, how landmarks move it, and which approximation gives the mesh."""
+    """Whose face is driven, how landmarks move it, and which approximation gives the mesh.
+
+    actor: who plays a recording of weights, so that its landmarks drive the character; "" where none does.
+    """
 
     character: str
     section: CaptureConfig
     method: MeasurementSettings
+    actor: str = ""

@@ -178,7 +178,7 @@ def _without_gaps(
     inner = unseen[start:end]
     check_gaps(where, inner[:, None], first + start, ("face",), section.longest_gap, "no face is")
     out = len(values) - (end - start)
-    words = f", {out} frames without a face at the ends left out" if out else ""
+    words = f", {out} frame{'s' * (out > 1)} without a face at the ends left out" if out else ""
     return filled(values[start:end], inner), int(inner.sum()), words
 
 

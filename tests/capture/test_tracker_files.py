@@ -87,7 +87,7 @@ def test_frames_that_live_link_dropped_are_interpolated_and_those_at_the_ends_le
     unseen = re.sub(r"(?m)^(17:38:00:(?:00|70|20)\S*?),61,.*$", r"\1,0", text)
     found = read(tmp_path, unseen)
     np.testing.assert_allclose(found.values[:, 0], 0.01 * np.arange(1, 130), atol=1e-9)
-    assert found.filled == 3 and "1 frames without a face at the ends left out, 3 of which are int" in found.in_words()
+    assert found.filled == 3 and "1 frame without a face at the ends left out, 3 of which are int" in found.in_words()
     with pytest.raises(
         InputError, match=r"actor.csv: no face is seen in frames 50 to 52; gaps of at most 2 frames are"
     ):
@@ -109,7 +109,7 @@ def test_frames_that_openface_is_not_sure_of_are_gaps_whatever_they_hold(tmp_pat
     frames = [k for k in range(1, 10) if k != 4]
     found = read(tmp_path, openface(frames, confidence=lambda k: 0.2 if k in (1, 5) else 0.9, places=wild))
     np.testing.assert_allclose(found.positions, np.stack([moving(k)[NUMBERS] for k in range(2, 10)]) * (1, -1))
-    assert found.filled == 2 * 54 and "1 frames without a face at the ends left out" in found.in_words()
+    assert found.filled == 2 * 54 and "1 frame without a face at the ends left out" in found.in_words()
 
 
 @pytest.mark.parametrize("count", [468, 478])
