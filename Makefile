@@ -94,7 +94,7 @@ help: ## print this help
 	@echo "  METHODS=        the rows of tables: names, or paths of .py files with a method of your own; all for all"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=  CLUSTER=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
-	@echo "  LANDMARKS=      for capture: a CSV file of an actor's landmarks, as \`python -m replicate capture --help\` says"
+	@echo "  LANDMARKS=      for capture: a recording of an actor's face, as \`python -m replicate capture --help\` says"
 	@echo "  ONTO=           for figure13: other characters whose faces the networks move as well"
 	@echo "  ONLY='a|b'      some of a benchmark's trainings, as \`python -m replicate.benchmarks.bench_training --help\` says"
 	@echo "  ADD_SEEDS=1     \`make reference\` adds a run's seeds to those that are committed"

@@ -10,12 +10,13 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int32
 
 from data_recipes.acting import clip_file
+from data_recipes.acting.arkit_names import arkit_parts, play_weights, without_counterpart
 from data_recipes.acting.expression_poses import expression_poses
 from data_recipes.acting.procedural_acting import Acting, act
 from data_recipes.early_checks import check_early, recipe_controls
@@ -26,11 +27,12 @@ from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
 from data_recipes.recipe.shapes import ShapeRecipe, load_shape_recipe
-from data_recipes.recipe_paths import shape_file
+from data_recipes.recipe_paths import FACE_FILE, shape_file
 from data_recipes.rig import AlteredRig, Rig
 from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
+    from data_recipes.face_rig import FaceRig
     from data_recipes.sampled.importing import SampledRecipe
     from data_recipes.sampled.sampled_rig import SampledRig
 
@@ -39,20 +41,25 @@ AnyRecipe: TypeAlias = Recipe | FaceKitRecipe | ShapeRecipe
 
 __all__ = [
     "FACE_LANDMARKS",
+    "arkit_parts",
     "build_from_parts",
     "build_rig",
     "character_parts",
     "check_empty",
     "control_count",
+    "control_names",
     "expression_poses",
     "forget_folders",
     "import_sampled",
     "load_rig",
     "performance",
+    "play_weights",
     "read_clip",
     "sampled_parts",
     "save_rig",
     "with_face_landmarks",
+    "without_counterpart",
+    "without_landmarks",
     "write_folder",
     "write_rigify_samples",
 ]
@@ -77,17 +84,22 @@ def character_parts(name_or_recipe: str | Path) -> tuple[AnyRecipe, tuple[Path, 
 
 def control_count(recipe: AnyRecipe | SampledRecipe, files: Sequence[Path]) -> int:
     """Return how many controls a rig will have, from `character_parts` or `sampled_parts`; nothing is built."""
-    if isinstance(recipe, ShapeRecipe):
-        from data_recipes.shapes.shape_file import count_controls
+    return len(control_names(recipe, files))
 
-        return count_controls(recipe, files)
+
+def control_names(recipe: AnyRecipe | SampledRecipe, files: Sequence[Path]) -> list[str]:
+    """Return the controls that a rig of these parts can have; nothing is built."""
+    if isinstance(recipe, ShapeRecipe):
+        from data_recipes.shapes.shape_file import control_names
+
+        return control_names(recipe, files)
     if isinstance(recipe, Recipe):
-        return len(recipe_controls(recipe))
+        return [control.name for control in recipe_controls(recipe)]
     if isinstance(recipe, FaceKitRecipe):
-        return len(expression_names())
+        return list(expression_names())
     from data_recipes.sampled.sample_folder import open_folder
 
-    return len(open_folder(files[1].parent).controls)
+    return [control.name for control in open_folder(files[1].parent).controls]
 
 
 def build_rig(name_or_recipe: str | Path) -> Rig:
@@ -114,12 +126,15 @@ def build_from_parts(recipe: AnyRecipe, files: Sequence[Path]) -> Rig:
     return build_recipe_rig(whole)
 
 
-def with_face_landmarks(rig: Rig, recipe: AnyRecipe) -> Rig:
+def with_face_landmarks(rig: Rig, recipe: AnyRecipe | SampledRecipe) -> Rig:
     """Return a rig whose control points are the 54 landmarks of performance capture (§5.3.2), in their regions.
 
-    recipe: what the rig was built from, as `character_parts` gives it; the landmarks are found on its head.
+    recipe: what the rig was built from, as `character_parts` or `sampled_parts` gives it. On our heads the landmarks
+    are found, for others face.toml names them: InputError for one that is missing or no vertex of the rig.
     """
-    if isinstance(recipe, FaceKitRecipe):
+    if not isinstance(recipe, (Recipe, FaceKitRecipe)):
+        vertices = _named_landmarks(rig, recipe)
+    elif isinstance(recipe, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import facekit_landmarks
 
         vertices = facekit_landmarks(recipe)
@@ -134,6 +149,38 @@ def with_face_landmarks(rig: Rig, recipe: AnyRecipe) -> Rig:
         "control_point_regions": tuple(map(region_of_landmark, FACE_LANDMARKS)),
     }
     return replace(rig, **points) if isinstance(rig, FunctionRig) else AlteredRig(rig, **points)
+
+
+def without_landmarks(recipe: AnyRecipe | SampledRecipe) -> str:
+    """Return which landmarks of performance capture a face lacks, in a sentence; "" for a face that has all."""
+    if isinstance(recipe, (Recipe, FaceKitRecipe)):
+        return ""
+    missing = [name for name in FACE_LANDMARKS if name not in recipe.face.points.face_landmarks]
+    if not missing:
+        return ""
+    few = len(missing) < len(FACE_LANDMARKS)
+    lack = f"{len(missing)} of its {len(FACE_LANDMARKS)} landmarks have no vertex: {', '.join(missing)}"
+    lack = lack if few else f"none of its {len(FACE_LANDMARKS)} landmarks has a vertex"
+    return f"{lack}; name them in {FACE_FILE}, [points.face_landmarks], as REPRODUCING.md says"
+
+
+def _named_landmarks(rig: Rig, recipe: ShapeRecipe | SampledRecipe) -> Int32[np.ndarray, " l"]:
+    """Return the rig's vertices of the landmarks that a face.toml names by the vertices of the mesh's file."""
+    if sentence := without_landmarks(recipe):
+        raise InputError(f"{rig.name}: {sentence}")
+    named = recipe.face.points.face_landmarks
+    place = np.arange(len(rig.mesh.neutral))
+    if isinstance(recipe, ShapeRecipe):
+        place = np.asarray(cast("FaceRig", rig).face.constants["file_vertices"]["place"])
+    for name, vertex in named.items():
+        where = f"{FACE_FILE}: points.face_landmarks.{name}"
+        if vertex >= len(place):
+            raise InputError(f"{where}: expected a vertex from 0 to {len(place) - 1}, got {vertex}")
+        if place[vertex] < 0:
+            raise InputError(
+                f"{where}: expected a vertex that a control can move, got {vertex}, of a part that is still"
+            )
+    return place[[named[name] for name in FACE_LANDMARKS]].astype(np.int32)
 
 
 PERFORMANCE = Acting(seed=54, clips=3, clip_s=4.0)  # an emotion, a take and a dialogue

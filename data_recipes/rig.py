@@ -165,6 +165,8 @@ class AlteredRig:
         self._rig = rig
         for name in AlteredRig.__annotations__:
             setattr(self, name, fields.get(name, getattr(rig, name)))
+        if not has_function(rig):
+            self.known_poses = getattr(rig, "known_poses")  # noqa: B009
 
     def __call__(self, params: Float[np.ndarray, "*b m"]) -> Float32[np.ndarray, "*b n 3"]:
         """Return the vertices (n, 3) or (b, n, 3), mm, of one pose (m,) or a batch (b, m)."""

@@ -129,6 +129,7 @@ SLOW = (
     "report/test_redrawn_pictures.py",
     "rig_study",
     "targets/test_capture.py",
+    "targets/test_captures_of_programs.py",
     "targets/test_check.py",
     "targets/test_deploy.py",
     "targets/test_figure01.py",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 
 from data_recipes.acting.motion import pose
+from data_recipes.controls import Control
 
 # Our control and the sign of its amount → their controls, each with its share. "*" stands for both sides.
 NAMES: tuple[tuple[str, int, dict[str, float]], ...] = (
@@ -54,6 +55,7 @@ NAMES: tuple[tuple[str, int, dict[str, float]], ...] = (
     ("look_x_right", -1, {"eyeLookOut_right": 1.0}),
 )
 SIDES = {"left": "L", "right": "R"}
+LARGEST_WEIGHT = 2.0  # the largest upper limit of a control that counts in weights
 # Other programs' names for about the same: VRoid's and VRM's shapes. Several of ours may stand for one of theirs.
 OTHERS = {
     "Fcl_EYE_Close_L": "eyeBlink_L",
@@ -97,6 +99,60 @@ def _known() -> dict[str, str]:
 def _plain(name: str) -> str:
     plain = re.sub(r"[^a-z0-9]", "", re.split(r"[.|:/]", name)[-1].lower())
     return re.sub("^.*(?=fcl)", "", plain)  # VRoid's names begin with those of their files
+
+
+def arkit_parts(name: str) -> tuple[str, ...]:
+    """Return what a control moves in the names of `canonical`: two where it moves both sides, () if unknown."""
+    known, every = canonical(name), set(_known().values())
+    sides = tuple(f"{known}_{letter}" for letter in SIDES.values() if f"{known}_{letter}" in every)
+    return sides or ((known,) if known in every else ())
+
+
+def play_weights(
+    names: Sequence[str], weights: Float[np.ndarray, "t k"], controls: Sequence[Control]
+) -> tuple[Float[np.ndarray, "t m"], list[str]]:
+    """Return what a rig's parameters are when ARKit's shapes have these weights, and which of them it lacks.
+
+    names: of the k shapes, as any program writes them. A rig with our names gets the shares of `NAMES` backwards; what
+    a rig has once for both sides gets their mean. A control whose upper limit is beyond `LARGEST_WEIGHT`, such as 100,
+    reaches it where a weight is 1.
+    """
+    wanted, columns = _columns(names, [control.name for control in controls])
+    lower, default, upper = (
+        np.array([getattr(control, name) for control in controls]) for name in ("lower", "default", "upper")
+    )
+    full = np.where(upper > LARGEST_WEIGHT, upper, 1.0) - default
+    amounts = np.zeros((len(weights), len(controls)))
+    for part, place in wanted.items():
+        for name, share in _counterparts(part, wanted, columns):
+            amounts[:, columns[name]] += share * weights[:, place]
+    return np.clip(default + amounts * full, lower, upper), without_counterpart(names, columns)
+
+
+def without_counterpart(names: Sequence[str], controls: Iterable[str]) -> list[str]:
+    """Return which of ARKit's shapes nothing stands for in a rig with these controls."""
+    wanted, columns = _columns(names, list(controls))
+    reached = {place for part, place in wanted.items() if _counterparts(part, wanted, columns)}
+    return [name for place, name in enumerate(names) if place not in reached]
+
+
+def _columns(names: Sequence[str], controls: Sequence[str]) -> tuple[dict[str, int], dict[str, int]]:
+    """Return the places of shapes by `arkit_parts`, and those of controls by `canonical` and by their own names."""
+    wanted = {part: place for place, name in enumerate(names) for part in arkit_parts(name)}
+    columns = {canonical(name): place for place, name in reversed(list(enumerate(controls)))}
+    return wanted, columns | {name: place for place, name in enumerate(controls)}
+
+
+def _counterparts(part: str, wanted: Mapping[str, int], columns: Mapping[str, int]) -> list[tuple[str, float]]:
+    """Return the controls of a rig that stand for one of ARKit's shapes, each with its share of the weight."""
+    if part in columns:
+        return [(part, 1.0)]
+    if part[-2:] in ("_L", "_R") and part[:-2] in columns:
+        return [(part[:-2], 1 / sum(f"{part[:-2]}_{letter}" in wanted for letter in SIDES.values()))]
+    pairs = [(ours, sign, share) for ours, sign, theirs, share in name_pairs() if theirs == part and ours in columns]
+    most = max((share for *_, share in pairs), default=0.0)
+    main = [(ours, sign, share) for ours, sign, share in pairs if share == most]
+    return [(ours, sign / (len(main) * share)) for ours, sign, share in main]
 
 
 def name_pairs() -> list[tuple[str, int, str, float]]:

@@ -12,10 +12,12 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from data_recipes.landmark_set import FACE_LANDMARKS
 from data_recipes.recipe_paths import CONTROL_FILE, FACE_FILE, MESH_ENDINGS
 from data_recipes.sampled.shards import DAMAGE
 from replicate.base.exceptions import InputError
 from replicate.base.schema import LONGEST, Checked, either, names, naming, number, numbers, read_table, shown
+from replicate.base.spelling import nothing_named
 from replicate.base.user_files import read_text, read_toml, shown_path
 
 MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
@@ -30,10 +32,12 @@ class Points(Checked):
     """Vertices by index, from 0: landmarks that samples are balanced by, control points that inverse kinematics drags.
 
     control_points: region → vertices. A rule chooses whatever is empty.
+    face_landmarks: name, of `FACE_LANDMARKS`, → vertex of the mesh's file; performance capture needs all of them.
     """
 
     landmarks: tuple[int, ...] = field(default=(), metadata={"range": (0, None), "optional": True})
     control_points: dict = field(default_factory=dict)
+    face_landmarks: dict = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -45,8 +49,16 @@ class Points(Checked):
             if not region.isprintable() or not _is_list_of_vertices(vertices):
                 expected = f"expected 1 to {MOST_POINTS} different vertices for each region"
                 raise InputError(f"control_points.{shown(region)}: {expected}, got {shown(vertices)}")
+        for name, vertex in self.face_landmarks.items():
+            if name not in FACE_LANDMARKS:
+                others = f"; there are {', '.join(FACE_LANDMARKS)}"
+                raise InputError(f"face_landmarks: {nothing_named('landmark', name, FACE_LANDMARKS, others)}")
+            if not _is_list_of_vertices([vertex]):
+                raise InputError(f"face_landmarks.{name}: expected a vertex, from 0, got {shown(vertex)}")
         all_points = [vertex for vertices in self.control_points.values() for vertex in vertices]
-        for name, indices in (("landmarks", list(self.landmarks)), ("control_points", all_points)):
+        marks = list(self.face_landmarks.values())
+        lists = (("landmarks", list(self.landmarks)), ("control_points", all_points), ("face_landmarks", marks))
+        for name, indices in lists:
             twice = [vertex for vertex in indices if indices.count(vertex) > 1]
             if twice:
                 raise InputError(f"{name}: vertex {twice[0]} is there twice, expected once")

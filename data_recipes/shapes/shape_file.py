@@ -99,10 +99,12 @@ def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
     return ShapeSource(in_mm, {k: ours(v) for k, v in targets.items()}, weights, skin, mm, colours)
 
 
-def count_controls(recipe: ShapeRecipe, files: Sequence[Path]) -> int:
-    """Return how many controls a rig of these files has at most."""
-    joints = sum(map(len, recipe.face.joints.values()))
-    return joints + (len(files) - 1 if files[0].suffix.lower() in SHAPE_MESHES else len(read_gltf(files[0]).targets))
+def control_names(recipe: ShapeRecipe, files: Sequence[Path]) -> list[str]:
+    """Return the names of the controls that a rig of these files has at most."""
+    joints = [f"{joint}_{axis}" for joint, axes in recipe.face.joints.items() for axis in axes]
+    if files[0].suffix.lower() in SHAPE_MESHES:
+        return [*(file.stem for file in files[1:]), *joints]
+    return [*read_gltf(files[0]).targets, *joints]
 
 
 def _guess_unit(vertices: np.ndarray, targets: Mapping[str, np.ndarray], where: str) -> float:

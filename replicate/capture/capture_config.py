@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from replicate.base.exceptions import InputError
-from replicate.base.schema import Checked, number
+from replicate.base.schema import Checked, number, numbers
 from replicate.methods.measurement import MeasurementSettings
 
 DEGREE = 2  # of the polynomials that smoothing fits to a window of frames
@@ -19,8 +19,10 @@ class CaptureConfig(Checked):
     neutral_frames: how many first frames show the neutral expression
     smoothing_frames: an odd window, 1 for none
     longest_gap: how many frames in a row are interpolated where a landmark was not seen
-    frames_per_second: of the recording
-    actor: who performs beside the character itself in Figure 12; "" for the woman, or the teen for the woman
+    frames_per_second: of the recording, where its file doesn't say
+    picture: width and height of the actor's picture, for a file that gives shares of them; () for a square one
+    actor: who performs beside the character itself in Figure 12, "" for the woman, or the teen for the woman; in
+        `make capture` a face with ARKit's names that weights play on, so that its landmarks drive the character
     noises_mm: standard deviations of the noise in each coordinate of an actor's landmarks, in Figure 12
     """
 
@@ -30,6 +32,7 @@ class CaptureConfig(Checked):
     smoothing_frames: int = number(7, 1, 999)
     longest_gap: int = number(6, 0, 10_000)
     frames_per_second: float = number(24.0, 1.0, 1_000.0)
+    picture: tuple[float, ...] = numbers((), 2, 1.0, 100_000.0, optional=True)
     actor: str = ""
     noises_mm: tuple[float, ...] = number((0.0, 0.25, 0.5, 1.0, 2.0), 0.0, 1_000.0)
 
@@ -50,8 +53,12 @@ def default_section(profile: str) -> CaptureConfig:
 
 @dataclass(frozen=True)
 class CaptureSettings:
-    """Whose face is driven, how landmarks move it, and which approximation gives the mesh."""
+    """Whose face is driven, how landmarks move it, and which approximation gives the mesh.
+
+    actor: who plays a recording of weights, so that its landmarks drive the character; "" where none does.
+    """
 
     character: str
     section: CaptureConfig
     method: MeasurementSettings
+    actor: str = ""

@@ -1,23 +1,27 @@
 """What `make capture` writes of a recording: parameters, an animated GLB, and a strip of frames (§5.3.2)."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float32, UInt8
 
+from data_recipes.catalogue import play_weights
 from data_recipes.rig import Rig
 from replicate.base.tables import Column, write_csv
 from replicate.capture import landmark_rig
 from replicate.capture.capture_config import CaptureConfig, CaptureSettings
 from replicate.capture.driven_face import ApproximatedRig, driven_params, face_picture, head_camera
-from replicate.capture.landmark_file import Recording, read_landmarks
-from replicate.capture.landmark_motion import Motion, control_motion, telling_frames
+from replicate.capture.landmark_file import MM, Recording
+from replicate.capture.landmark_motion import Motion, control_motion, resampled, telling_frames
+from replicate.capture.tracker_files import Weights, read_recording
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import DPI, Words, save_figure
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import moving_parts
+from replicate.methods import artefacts
 from replicate.methods.measurement import predictor
 
 if TYPE_CHECKING:
@@ -29,25 +33,102 @@ FRAMES, TALL = 5, 1.2  # frames of a strip; a picture's height over its width
 TOLERANCE_MM = 0.25  # that a vertex of the GLB may be off: less than a landmark is
 
 
+@dataclass(frozen=True)
+class Driven:
+    """What a recording makes a character do, 24 frames a second.
+
+    rig: the character. params: (t, m). motion: of its landmarks, None where weights drive its controls. how: in
+    sentences. means: what drives it, a sentence's beginning. lacking: a sentence on weights without a counterpart, "".
+    """
+
+    rig: Rig
+    params: np.ndarray
+    motion: Motion | None
+    how: str
+    means: str
+    lacking: str = ""
+
+
 def write_all(settings: CaptureSettings, inputs: Mapping[str, Path], file: Path, out: Path) -> dict:
-    """Write a recording's files into the folder `out` and return facts about it. file: the recording, as CSV."""
-    rig, section = landmark_rig.load_landmark_rig(inputs), settings.section
-    recording = read_landmarks(file, rig.control_point_names, section.longest_gap)
-    motion = control_motion(recording, rig.mesh.neutral[rig.control_points], section)
-    params = driven_params(landmark_rig.load_networks(inputs, settings.method.method), motion.targets, rig)
+    """Write a recording's files into the folder `out` and return facts about it. file: the recording."""
+    driven = drive(settings, inputs, read_recording(file, settings.section))
+    rig, params, motion = driven.rig, driven.params, driven.motion
     face = ApproximatedRig(rig, predictor(settings.method, inputs))
     write_params(out / f"{STEM}_parameters.csv", rig, params)
-    how = in_words(recording, motion, section)
     rest, frames = moving_parts(face, params)
-    about = {"character": rig.name, "clip": file.stem, "frames_per_second": FRAMES_PER_SECOND, "landmarks": how}
+    about = {
+        "character": rig.name,
+        "clip": file.stem,
+        "frames_per_second": FRAMES_PER_SECOND,
+        "landmarks": driven.how,
+    }
     data, _ = animated_glb(rest, frames, about, TOLERANCE_MM)
     (out / f"{STEM}.glb").write_bytes(data)
-    chosen = telling_frames(motion.targets, FRAMES)
-    off = np.linalg.norm((frames[0][:, rig.control_points] - motion.targets)[..., :2], axis=-1)
-    figure, words = strip(settings.character, face, params, motion, chosen, f"{how} On average a landmark of the mesh "
-                          f"ends {off.mean():.2f} mm from where it shall go.")  # fmt: skip
+    places, off, ends = frames[0][:, rig.landmarks], {}, ""
+    if motion is not None:
+        places = motion.targets
+        error_mm = float(np.linalg.norm((frames[0][:, rig.control_points] - places)[..., :2], axis=-1).mean())
+        off = {"scale": motion.scale, "landmark_error_mm": error_mm}
+        ends = f" On average a landmark of the mesh ends {error_mm:.2f} mm from where it shall go."
+    figure, words = strip(settings.character, face, driven, telling_frames(places, FRAMES), driven.how + ends)
     save_figure(figure, out / f"{STEM}.png", words)
-    return {"frames": len(params), "scale": motion.scale, "landmark_error_mm": float(off.mean()), "in_words": how}
+    return {"frames": len(params), **off, "in_words": f"{driven.how}{ends}", "lacking": driven.lacking}
+
+
+def drive(settings: CaptureSettings, inputs: Mapping[str, Path], recording: Recording | Weights) -> Driven:
+    """Return what a recording makes the character do: by its landmarks, or by weights of controls that it has."""
+    section = settings.section
+    if isinstance(recording, Recording):
+        rig = landmark_rig.load_landmark_rig(inputs)
+        motion = control_motion(recording, rig.mesh.neutral[rig.control_points], section)
+        return _driven_by_landmarks(settings, inputs, rig, motion, in_words(recording, motion, section))
+    values = resampled(recording.values, recording.frames_per_second)
+    rate = recording.frames_per_second
+    become = "" if rate == FRAMES_PER_SECOND else f"; {rate:g} frames a second become {FRAMES_PER_SECOND}"
+    if not settings.actor:
+        rig = artefacts.load_rig(inputs)
+        params, lacking = play_weights(recording.names, values, rig.controls)
+        how = f"{recording.in_words()}{become}. They drive the controls of {settings.character} by their names."
+        sentence = _lacking(settings.character, [*lacking, *recording.head])
+        return Driven(rig, params.astype(np.float32), None, how, "Weights by name drive", sentence)
+    actor, rig = (landmark_rig.load_landmark_rig(inputs, name) for name in (settings.actor, settings.character))
+    acted, lacking = play_weights(recording.names, values, actor.controls)
+    motion = motion_of_rig(actor, acted.astype(np.float32), rig.mesh.neutral[rig.control_points], section)
+    how = (
+        f"{recording.in_words()}{become}. {settings.actor} plays them, and its {len(rig.control_points)} landmarks "
+        f"drive {settings.character}; scale {motion.scale:.3g}."
+    )
+    driven = _driven_by_landmarks(settings, inputs, rig, motion, how)
+    return replace(driven, lacking=_lacking(settings.actor, [*lacking, *recording.head]))
+
+
+def _driven_by_landmarks(
+    settings: CaptureSettings, inputs: Mapping[str, Path], rig: Rig, motion: Motion, how: str
+) -> Driven:
+    params = driven_params(landmark_rig.load_networks(inputs, settings.method.method), motion.targets, rig)
+    return Driven(rig, params, motion, how, "Landmarks drive")
+
+
+def _lacking(character: str, names: Sequence[str]) -> str:
+    return f"Without a counterpart in {character}: {', '.join(names)}." if names else ""
+
+
+def motion_of_rig(
+    actor: Rig, params: Float32[np.ndarray, "t m"], neutral: Float[np.ndarray, "l 3"], section: CaptureConfig
+) -> Motion:
+    """Return where a character's landmarks go when those of another rig do what its parameters say.
+
+    actor: a rig whose control points are its landmarks
+    params: its parameters, 24 frames a second
+    neutral: the character's landmarks in its neutral pose, mm
+    section: says whether the movement is scaled; nothing is smoothed, since a rig's landmarks have no noise
+    """
+    rest = actor.mesh.neutral[actor.control_points, :2].astype(float)
+    places = actor(params)[:, actor.control_points, :2].astype(float)
+    count = section.neutral_frames
+    recording = Recording(np.concatenate([np.tile(rest, (count, 1, 1)), places]), MM, 0, float(FRAMES_PER_SECOND))
+    motion = control_motion(recording, neutral, replace(section, smoothing_frames=1, head="moving"))
+    return Motion(motion.targets[count:], motion.scale, motion.recorded[count:])
 
 
 def write_params(file: Path, rig: Rig, params: Float[np.ndarray, "t m"]) -> None:
@@ -63,38 +144,43 @@ def in_words(recording: Recording, motion: Motion, section: CaptureConfig) -> st
     window = section.smoothing_frames
     smooth = f"smoothed over {window} frames" if window > 1 else "not smoothed"
     head = " The head's shift, turn and size in the picture are taken out." if section.head == "steady" else ""
-    rate = f" {section.frames_per_second:g} frames a second become {FRAMES_PER_SECOND}."
+    frames = recording.frames_per_second or section.frames_per_second
+    rate = f" {frames:g} frames a second become {FRAMES_PER_SECOND}." if frames != FRAMES_PER_SECOND else ""
     return (
         f"{recording.in_words()}, {smooth}; scale {motion.scale:.3g} {unit} ({why}); neutral expression: the first "
-        f"{section.neutral_frames} frames.{head}{rate if section.frames_per_second != FRAMES_PER_SECOND else ''}"
+        f"{section.neutral_frames} frames.{head}{rate}"
     )
 
 
 def strip(
-    character: str, face: Rig, params: Float[np.ndarray, "t m"], motion: Motion, chosen: list[int], how: str
+    character: str, face: Rig, driven: Driven, chosen: list[int], how: str
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): some frames, the landmarks above and the driven face below.
+    """Return (figure, words): some frames of the driven face, its landmarks above if these drive it.
 
     character: its name
     face: the character with the approximation's skin
-    params: raw rig parameters of all frames
-    motion: the landmarks of all frames
+    driven: what it does, and why
     chosen: which frames are shown
-    how: a sentence on how the landmarks were taken over
+    how: sentences on how the recording was taken over
     """
     width = cell_width(len(chosen))
     height = round(TALL * width)
-    camera, window = head_camera(face, width / height), window_of(motion.recorded, 1.0)
+    camera, motion = head_camera(face, width / height), driven.motion
     cells = []
     for k in chosen:
-        drawn = landmark_picture(motion.recorded[k], face.control_point_names, window, width, width)
-        cells.append(Cell(f"frame {k}", (drawn, face_picture(face, params[k], camera, width, height))))
+        pictures = [face_picture(face, driven.params[k], camera, width, height)]
+        if motion is not None:
+            window = window_of(motion.recorded, 1.0)
+            pictures.insert(0, landmark_picture(motion.recorded[k], face.control_point_names, window, width, width))
+        cells.append(Cell(f"frame {k}", tuple(pictures)))
     frames = ", ".join(map(str, chosen))
+    above = "" if motion is None else "landmarks of the actor's face as points and lines, and below them "
+    what = f"{character} in clay" if motion is None else f"{character} in clay with the same expression"
+    networks = "" if motion is None else "IK networks give rig parameters, "
     return face_sheet(cells, len(chosen)), Words(
-        f"{len(chosen)} frames of a recording: landmarks of the actor's face as points and lines, and below them "
-        f"{character} in clay with the same expression. Frames {frames}.",
-        f"Landmarks drive {character} (after Fig. 12): IK networks give rig parameters, our regional method the mesh. "
-        f"{how}",
+        f"{len(chosen)} frames of a recording: {above}{what}. Frames {frames}.",
+        f"{driven.means} {character} (after Fig. 12): {networks}our regional method {'' if networks else 'gives '}the "
+        f"mesh. {how}",
     )
 
 

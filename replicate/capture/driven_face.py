@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from data_recipes.rig import BATCH, AlteredRig, Prop, Rig
+from data_recipes.rig import BATCH, AlteredRig, Prop, Rig, has_function
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
@@ -27,15 +27,21 @@ class ApproximatedRig(AlteredRig):
     """
 
     def __init__(self, rig: Rig, predict: Callable[[np.ndarray, np.ndarray], np.ndarray]):
-        """rig: the character. predict: (params (b, m), the rig's vertices (b, n, 3)) → vertices (b, n, 3), mm."""
+        """rig: the character. predict: (params (b, m), the rig's vertices (b, n, 3)) → vertices (b, n, 3), mm.
+
+        Of a rig without a function it gets the neutral vertices, which no method but an oracle looks at.
+        """
         super().__init__(rig)
         self._predict = predict
+        self._truth = (
+            rig if has_function(rig) else lambda params: np.repeat(rig.mesh.neutral[None], len(params), axis=0)
+        )
 
     def __call__(self, params: Float[np.ndarray, "*b m"]) -> Float32[np.ndarray, "*b n 3"]:
         """Return the vertices (n, 3) or (b, n, 3), mm, of one pose (m,) or a batch (b, m)."""
         every = np.asarray(params, np.float32).reshape(-1, len(self.default))
         parts = [every[first : first + BATCH] for first in range(0, len(every), BATCH)]
-        vertices = np.concatenate([np.asarray(self._predict(part, self._rig(part)), np.float32) for part in parts])
+        vertices = np.concatenate([np.asarray(self._predict(part, self._truth(part)), np.float32) for part in parts])
         return vertices.reshape(*np.shape(params)[:-1], *vertices.shape[1:])
 
     def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:

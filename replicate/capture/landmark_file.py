@@ -36,16 +36,20 @@ SCHEMAS = {
 class Recording:
     """What an actor's landmarks did. positions: (t, l, 2), x to the picture's right and y up, in `unit`, MM or PIXELS.
 
-    filled: how many places were interpolated, of t · l.
+    filled: how many places were interpolated, of t · l. frames_per_second: as the file says, None where it doesn't.
+    origin: the program that wrote it and what was assumed, in words, "" for a file of the suite's own kind.
     """
 
     positions: np.ndarray
     unit: str
     filled: int
+    frames_per_second: float | None = None
+    origin: str = ""
 
     def in_words(self) -> str:
         """Return what is in it, as a sentence's beginning."""
-        many = f"{len(self.positions)} frames of {self.positions.shape[1]} landmarks"
+        origin = f" from {self.origin}" if self.origin else ""
+        many = f"{len(self.positions)} frames of {self.positions.shape[1]} landmarks{origin}"
         return f"{many}, {self.filled} places of which are interpolated" if self.filled else many
 
 
@@ -87,8 +91,8 @@ def read_landmarks(file: Path, names: Sequence[str], longest_gap: int) -> Record
     rows, columns = frames - first, table["landmark"].map(places).to_numpy()
     positions[rows, columns] = table.iloc[:, 2:].to_numpy(np.float64)
     unseen = np.isnan(positions).any(axis=2)
-    _check_gaps(where, unseen, first, names, longest_gap)
-    positions = _filled(positions, unseen)
+    check_gaps(where, unseen, first, names, longest_gap)
+    positions = filled(positions, unseen)
     if unit == PIXELS:
         positions = positions * (1.0, -1.0)
     return Recording(positions, unit, int(unseen.sum()))
@@ -99,7 +103,10 @@ def _unit(where: str, text: str) -> str:
     headers = {",".join(column.name for column in columns): unit for unit, columns in SCHEMAS.items()}
     if header not in headers:
         expected = " or ".join(map(repr, headers))
-        raise InputError(f"{where}, line 1: expected the header {expected}, got {shown(header)}.")
+        raise InputError(
+            f"{where}, line 1: expected the header {expected}, or that of a file of Live Link Face, OpenFace 2 or "
+            f"MediaPipe, got {shown(header)}."
+        )
     return headers[header]
 
 
@@ -159,9 +166,25 @@ def _check_counts(where: str, table: "pandas.DataFrame", names: Sequence[str]) -
         )
 
 
-def _check_gaps(where: str, unseen: Bool[np.ndarray, "t l"], first: int, names: Sequence[str], longest: int) -> None:
+def check_gaps(
+    where: str,
+    unseen: Bool[np.ndarray, "t l"],
+    first: int,
+    names: Sequence[str],
+    longest: int,
+    nothing: str = "no landmark is",
+) -> None:
+    """Raise InputError for a gap that is too long, or at either end.
+
+    where: the file
+    unseen: which landmark was not seen in which frame
+    first: the number of the first frame
+    names: of the landmarks
+    longest: the most frames in a row that may be unseen
+    nothing: the beginning of a sentence for frames in which nothing was seen
+    """
     for k in np.flatnonzero(unseen.any(axis=0)):
-        subject = "no landmark is" if unseen[unseen[:, k]].all() else f"{names[k]!r} is not"
+        subject = nothing if unseen[unseen[:, k]].all() else f"{names[k]!r} is not"
         begins, ends = _runs(unseen[:, k])
         for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
             frames = f"frame {first + begin}" if end - begin == 1 else f"frames {first + begin} to {first + end - 1}"
@@ -181,9 +204,11 @@ def _runs(missing: Bool[np.ndarray, " t"]) -> tuple[Int[np.ndarray, " r"], Int[n
     return np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
 
 
-def _filled(positions: Float[np.ndarray, "t l 2"], unseen: Bool[np.ndarray, "t l"]) -> Float[np.ndarray, "t l 2"]:
+def filled(values: Float[np.ndarray, "t *l"], unseen: Bool[np.ndarray, "t *u"]) -> Float[np.ndarray, "t *l"]:
+    """Return values with those that were not seen interpolated in time. unseen: by the first axes of the values."""
     import pandas
 
-    positions = np.where(unseen[..., None], np.nan, positions)
-    table = pandas.DataFrame(positions.reshape(len(positions), -1))
-    return table.interpolate(limit_area="inside").to_numpy().reshape(positions.shape)
+    known = np.array(values, np.float64)
+    known[unseen] = np.nan
+    table = pandas.DataFrame(known.reshape(len(known), -1))
+    return table.interpolate(limit_area="inside").to_numpy().reshape(known.shape)

@@ -38,7 +38,8 @@ def control_motion(recording: Recording, neutral: Float[np.ndarray, "l 3"], sect
     if section.head == "steady":
         positions = steadied(positions, positions[:count].mean(axis=0))
     rest = positions[:count].mean(axis=0)
-    positions = resampled(smoothed(positions, section.smoothing_frames), section.frames_per_second)
+    rate = recording.frames_per_second or section.frames_per_second
+    positions = resampled(smoothed(positions, section.smoothing_frames), rate)
     scale = face_size(neutral[:, :2]) / face_size(rest) if section.scale == "face" else 1.0
     targets = np.tile(np.asarray(neutral, np.float32), (len(positions), 1, 1))
     targets[..., :2] += scale * (positions - rest)
@@ -69,14 +70,14 @@ def smoothed(positions: Float[np.ndarray, "t l 2"], frames: int) -> Float[np.nda
     return scipy.signal.savgol_filter(positions, frames, DEGREE, axis=0, mode="nearest")
 
 
-def resampled(positions: Float[np.ndarray, "t l 2"], frames_per_second: float) -> Float[np.ndarray, "u l 2"]:
-    """Return landmarks at 24 frames a second, interpolated between those of a recording at another rate."""
+def resampled(values: Float[np.ndarray, "t *l"], frames_per_second: float) -> Float[np.ndarray, "u *l"]:
+    """Return landmarks or weights at 24 frames a second, interpolated between those of a recording at another rate."""
     if frames_per_second == FRAMES_PER_SECOND:
-        return positions
-    times = np.arange(len(positions)) / frames_per_second
+        return values
+    times = np.arange(len(values)) / frames_per_second
     wanted = np.arange(int(times[-1] * FRAMES_PER_SECOND + 1e-9) + 1) / FRAMES_PER_SECOND
-    columns = positions.reshape(len(positions), -1).T
-    return np.stack([np.interp(wanted, times, column) for column in columns], 1).reshape(len(wanted), -1, 2)
+    columns = values.reshape(len(values), -1).T
+    return np.stack([np.interp(wanted, times, column) for column in columns], 1).reshape(-1, *values.shape[1:])
 
 
 def steadied(positions: Float[np.ndarray, "t l 2"], rest: Float[np.ndarray, "l 2"]) -> Float[np.ndarray, "t l 2"]:

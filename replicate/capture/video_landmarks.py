@@ -33,7 +33,7 @@ def chosen_points(file: Path = POINTS) -> Int[np.ndarray, " l"]:
 
 
 def pixel_landmarks(
-    faces: Iterable[Float[np.ndarray, "p 2"] | None], width: int, height: int
+    faces: Iterable[Float[np.ndarray, "p 2"] | None], width: float, height: float
 ) -> Float[np.ndarray, "t l 2"]:
     """Return landmarks in pixels, y down, from the points detected in each frame.
 

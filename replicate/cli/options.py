@@ -68,8 +68,9 @@ OPTIONS = {
     },
     "landmarks": {
         "metavar": "FILE",
-        "help": "a CSV file of an actor's landmarks: frame,landmark,x_mm,y_mm with y up, or frame,landmark,x_px,y_px "
-        "in pixels of the picture with y down; 54 lines a frame, 24 frames a second, the neutral expression first",
+        "help": "a recording as Live Link Face, OpenFace 2 or MediaPipe writes it, or a CSV file of an actor's "
+        "landmarks: frame,landmark,x_mm,y_mm with y up, or frame,landmark,x_px,y_px in pixels of the picture with y "
+        "down; 54 lines a frame, 24 frames a second; the neutral expression first",
     },
     "to": {
         "metavar": "FILE",

@@ -41,8 +41,11 @@ class ControlPoints:
         return np.unique(np.concatenate([region.parameters for region in self.regions]))
 
 
-def control_points(rig: Rig, influence: Bool[np.ndarray, "n m"]) -> ControlPoints:
-    """Return a rig's control points by region. influence: which control moves which vertex.
+def control_points(rig: Rig, influence: Bool[np.ndarray, "n m"], may_stand_still: bool = False) -> ControlPoints:
+    """Return a rig's control points by region.
+
+    influence: which control moves which vertex
+    may_stand_still: leave out a region whose points nothing moves, if there are others
 
     Raises InputError for a rig without control points, and for a region whose points nothing moves.
     """
@@ -54,6 +57,8 @@ def control_points(rig: Rig, influence: Bool[np.ndarray, "n m"]) -> ControlPoint
     for name in dict.fromkeys(rig.control_point_regions):
         points = np.array([i for i, region in enumerate(rig.control_point_regions) if region == name])
         parameters = np.flatnonzero(influence[vertices[points]].any(axis=0))
+        if not len(parameters) and may_stand_still and influence[vertices].any():
+            continue
         if not len(parameters):
             raise InputError(f"rig '{rig.name}': no control moves a control point of the region {name!r}.")
         regions.append(Region(name, points, parameters))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Int
 
+from data_recipes.rig import Rig
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.inverse.control_points import InverseConfig, control_points, default_section
 from replicate.methods import artefacts
@@ -50,13 +51,18 @@ def stage(plan: Plan, method: Method | None) -> Stage:
     return plan.stage(stage_name(method.name if method else RIG), functions, settings, *inputs)
 
 
-def train(context: StageContext) -> None:
-    """Train the IK networks (§4.2) and write model and log."""
+def train(context: StageContext, rig: Rig | None = None) -> None:
+    """Train the IK networks (§4.2) and write model and log.
+
+    rig: one with other control points than the artefact's, some of whose regions may stand still.
+    """
     from replicate.approximation.training import write_log
     from replicate.inverse.ik_network import read_truth, save_ik, train_ik
 
-    settings, rig, samples = context.config, artefacts.load_rig(context.inputs), artefacts.load_samples(context.inputs)
-    points = control_points(rig, artefacts.load_influence(context.inputs))
+    settings, samples = context.config, artefacts.load_samples(context.inputs)
+    influence, with_others = artefacts.load_influence(context.inputs), rig is not None
+    rig = rig or artefacts.load_rig(context.inputs)
+    points = control_points(rig, influence, may_stand_still=with_others)
     model, log = train_ik(
         positions(context.inputs, settings.model, points.vertices),
         rig,

@@ -3,15 +3,18 @@
 import argparse
 import gc
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 
 from data_recipes.recipe_paths import sample_folder
 from replicate.base import paths
+from replicate.base.exceptions import InputError
 from replicate.cli.options import configurations, methods
 from replicate.cli.running import duration, known_times, times_s, wall_s
 from replicate.cli.target_list import targets
 from replicate.engine.cache_report import UP_TO_DATE, Entry, inventory, known_titles, states
 from replicate.engine.provenance import core_count
 from replicate.engine.stage import Stage, in_order
+from replicate.methods import artefacts
 from replicate.methods.plan import Plan
 from replicate.methods.trained import entries
 
@@ -53,11 +56,13 @@ def _graphs(options: argparse.Namespace) -> dict[str, dict[str, Sequence[Stage]]
     for config in configurations(options):
         plan, rows = Plan(config), methods(options, config)
         name = f"{plan.character}-seed{config.seed}" if config.seed else plan.character
+        artefacts.rig_stage(plan)  # a bad recipe is refused here
         for target in targets().values():
             if not {"profile", "characters"} <= {*target.options}:
                 continue  # it has no graph, and its module need not be loaded
             if target.stages and not (target.asks_the_rig and sample_folder(config.character)):
-                graphs.setdefault(target.name, {})[name] = target.stages(plan, rows)
+                with suppress(InputError):  # a face whose landmarks nobody named, say
+                    graphs.setdefault(target.name, {})[name] = target.stages(plan, rows)
     return graphs
 
 

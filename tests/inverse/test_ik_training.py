@@ -122,6 +122,24 @@ def test_a_region_drives_what_moves_one_of_its_points():
     assert points.driven().tolist() == list(range(10)) and points.names[0] == "point_01"
 
 
+def test_a_region_that_stands_still_may_be_left_out():
+    influence = small_influence(MESH)
+    neck = [
+        v
+        for v, region in zip(SmallRig().control_points, SmallRig().control_point_regions, strict=True)
+        if region == "neck"
+    ]
+    influence[neck] = False
+    points = control_points(SmallRig(), influence, may_stand_still=True)
+    assert [region.name for region in points.regions] == ["face"] and len(points.vertices) == len(
+        SmallRig().control_points
+    )
+    with pytest.raises(InputError, match="no control moves a control point of the region 'neck'"):
+        control_points(SmallRig(), influence)
+    with pytest.raises(InputError, match="no control moves a control point of the region 'face'"):
+        control_points(SmallRig(), np.zeros_like(influence), may_stand_still=True)
+
+
 def test_a_rig_whose_points_nothing_moves_is_refused():
     with pytest.raises(InputError, match="no control moves a control point of the region 'face'"):
         control_points(SmallRig(), np.zeros((len(MESH.neutral), M), bool))

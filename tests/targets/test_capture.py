@@ -49,8 +49,6 @@ components = 12
 hidden = [32]
 [regional.training]
 steps = 80
-[rigid]
-poses = 20
 [inverse]
 hidden = [48, 48]
 [inverse.training]
