@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Int32
@@ -32,7 +32,6 @@ from data_recipes.rig import AlteredRig, Rig
 from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
-    from data_recipes.face_rig import FaceRig
     from data_recipes.sampled.importing import SampledRecipe
     from data_recipes.sampled.sampled_rig import SampledRig
 
@@ -169,9 +168,8 @@ def _named_landmarks(rig: Rig, recipe: ShapeRecipe | SampledRecipe) -> Int32[np.
     if sentence := without_landmarks(recipe):
         raise InputError(f"{rig.name}: {sentence}")
     named = recipe.face.points.face_landmarks
-    place = np.arange(len(rig.mesh.neutral))
-    if isinstance(recipe, ShapeRecipe):
-        place = np.asarray(cast("FaceRig", rig).face.constants["file_vertices"]["place"])
+    place = np.asarray(getattr(rig, "file_vertices", ()))
+    place = place if len(place) else np.arange(len(rig.mesh.neutral))
     for name, vertex in named.items():
         where = f"{FACE_FILE}: points.face_landmarks.{name}"
         if vertex >= len(place):
