@@ -1,4 +1,4 @@
-"""Write heads that others made as GLBs with morph targets: what an avatar's file is to `make table2 CHARACTERS=head.glb`.
+"""Write heads that others made as GLBs with morph targets, the kind of file that an avatar is.
 
     python examples/heads.py makehuman /path/to/makehuman makehuman.glb     # its base mesh's head, CC0
     python examples/heads.py ict /path/to/ICT-FaceKit ict.glb               # USC ICT's generic head, in ARKit's names
