@@ -1,4 +1,4 @@
-"""Write heads that others made as GLBs with morph targets, as avatars come; `make table2 CHARACTERS=…` takes them.
+"""Write heads that others made as GLBs with morph targets, the kind of file that an avatar is.
 
     python examples/heads.py makehuman /path/to/makehuman makehuman.glb     # its base mesh's head, CC0
     python examples/heads.py ict /path/to/ICT-FaceKit ict.glb               # USC ICT's generic head, in ARKit's names
@@ -116,6 +116,7 @@ def write_makehuman(folder, file):
         if bone:
             rows, shares = np.array(pairs).T
             weights[rows.astype(int), JOINTS.index(bone)] += shares
+    weights[weights.sum(axis=1) == 0, 0] = 1.0
     glb, places = Glb(), {}
     for bone in JOINTS:
         places[bone] = M_PER_DM * vertices[rig["joints"][rig["bones"][bone]["head"]]].mean(axis=0)
@@ -135,7 +136,8 @@ def write_makehuman(folder, file):
     names = np.array([PARTS.get(group, "") for group in groups])
     for name in dict.fromkeys(PARTS.values()):
         own = (names == name) & inside
-        glb.part(name, M_PER_DM * vertices, uv, corners[own], uv_corners[own], shapes, weights)
+        if own.any():
+            glb.part(name, M_PER_DM * vertices, uv, corners[own], uv_corners[own], shapes, weights)
     glb.write(file, "MakeHuman's base mesh, targets and rig: CC0 1.0")
 
 

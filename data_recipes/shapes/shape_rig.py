@@ -22,6 +22,7 @@ from data_recipes.deformers.posed_props import NEAREST, RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.gltf.scene import unique
 from data_recipes.recipe.shapes import AXES, ShapeFace, ShapeRecipe
+from data_recipes.recipe_paths import FACE_FILE
 from data_recipes.rig import Clip, check_rig
 from data_recipes.sampled.importing import (
     CONTROL_POINTS,
@@ -396,23 +397,25 @@ def _with_points(
     motion = motion_mm(chosen) if len(chosen) else np.zeros(n)
     if not motion.any():
         motion = parts.constants["joints"]["weights"].sum(axis=0)
+    place = parts.constants["file_vertices"]["place"]
     for key, vertices in {"landmarks": stated.landmarks, **stated.control_points}.items():
-        if too_large := next((vertex for vertex in vertices if vertex >= n), None):
-            raise InputError(f"face.toml: points.{key}: expected vertices from 0 to {n - 1}, got {too_large}")
-    landmarks = np.array(stated.landmarks or spread_out(mesh.neutral, motion, LANDMARKS), np.int32)
+        if wrong := next((vertex for vertex in vertices if vertex >= len(place) or place[vertex] < 0), None):
+            expected = f"expected vertices of the file, 0 to {len(place) - 1}, in parts that move"
+            raise InputError(f"{FACE_FILE}: points.{key}: {expected}, got {wrong}")
+    named = place[list(stated.landmarks)]
+    landmarks = named if len(named) else spread_out(mesh.neutral, motion, LANDMARKS)
     if stated.control_points:
-        pairs = [(vertex, region) for region, vertices in stated.control_points.items() for vertex in vertices]
+        pairs = [(place[vertex], region) for region, vertices in stated.control_points.items() for vertex in vertices]
         points, regions = np.array([v for v, _ in pairs], np.int32), tuple(region for _, region in pairs)
     else:
         points = spread_out(mesh.neutral, motion, CONTROL_POINTS)
         strength = (shapes[:, points] ** 2).sum(axis=2) * local[:, None]  # (m, c)
-        own = [controls[k].region for k in strength.argmax(axis=0)]
-        regions = tuple(own)
+        regions = tuple(controls[k].region for k in strength.argmax(axis=0))
     return FaceRig(
         name=recipe.name,
         mesh=mesh,
         controls=controls,
-        landmarks=landmarks,
+        landmarks=np.asarray(landmarks, np.int32),
         control_points=points,
         control_point_regions=regions,
         clips=clips,

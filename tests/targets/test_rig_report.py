@@ -44,8 +44,6 @@ NUMBERS = """
 [samples]
 count = 150
 validation = 16
-[rigid]
-poses = 20
 [evaluation]
 test_poses = 12
 [rig_report.fits]

@@ -15,8 +15,6 @@ FEW = """
 [samples]
 count = 300
 validation = 16
-[rigid]
-poses = 20
 [evaluation]
 test_poses = 20
 """

@@ -64,14 +64,15 @@ def figure09(
         phrases.append(f"{plain_name(method)} {error}".strip())
     names = ", ".join(phrases)
     pose = f"{pose_in_words(record)} (after Fig. 9)"
-    lead = (
-        f"The forehead in {pose}. This rig names no control of the brows, so errors are those of the whole mesh."
-        if region == WHOLE
-        else f"Forehead wrinkles in {pose}. Look at the creases above the brows and between them: how deep they are, "
-        "and how far they reach."
-        if fold_change_deg(record) > CREASED_DEG
-        else f"The forehead in {pose}. This rig has no wrinkles; only the smooth shape of the brows differs."
-    )
+    if region == WHOLE:
+        lead = f"The forehead in {pose}. This rig names no control of the brows, so errors are those of the whole mesh."
+    elif fold_change_deg(record) > CREASED_DEG:
+        lead = (
+            f"Forehead wrinkles in {pose}. Look at the creases above the brows and between them: how deep they are, "
+            "and how far they reach."
+        )
+    else:
+        lead = f"The forehead in {pose}. This rig has no wrinkles; only the smooth shape of the brows differs."
     figure = face_sheet(cells, min(ACROSS, len(shown)))
     closer = f" Under it {spot[1]}, where refinement changes most." if spot else ""
     return figure, Words(

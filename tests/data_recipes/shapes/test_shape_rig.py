@@ -167,6 +167,17 @@ def test_limits_in_a_face_toml_are_the_controls(tmp_path):
     assert (jaw.lower, jaw.upper, rig.name) == (-0.2, 1.5, "mine")
 
 
+def test_points_in_a_face_toml_are_the_files_vertices(tmp_path):
+    vertices, _ = write_face(tmp_path / "a.glb")
+    (tmp_path / "face.toml").write_text("[points]\nlandmarks = [0, 150, 215]\n")
+    rig = build_rig(str(tmp_path / "a.glb"))
+    apart = rig.mesh.neutral[rig.landmarks] - vertices[[0, 150, 215]]
+    assert np.ptp(apart, axis=0).max() < 1e-3, "shifted as a whole"
+    (tmp_path / "face.toml").write_text("[points]\nlandmarks = [0, 150, 300]\n")
+    with pytest.raises(InputError, match=r"points.landmarks: expected vertices of the file, 0 to 431, in parts that"):
+        build_rig(str(tmp_path / "a.glb"))
+
+
 def test_the_unit_is_the_one_that_makes_a_face(tmp_path):
     (tmp_path / "a").mkdir()
     vertices, faces, _ = split_sheet()
