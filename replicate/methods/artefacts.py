@@ -201,7 +201,7 @@ def find_rigid(context: StageContext) -> None:
     """Find rigid segments, and the vertices that carry them, from all training poses (Eq. 3 and 4).
 
     A segment that its vertices would misplace, in training or validation poses, is left to the networks, unless the rig
-    names it as rigid. Standard error says which.
+    names it as rigid. The notes say which, and by how much; so does `make check`, and a line before training.
     """
     from replicate.approximation.rigid import find_attachments, placement_errors, without
     from replicate.approximation.samples import PosedSamples
@@ -213,13 +213,6 @@ def find_rigid(context: StageContext) -> None:
     found = find_attachments(mesh, training, section.tau_mm, section.attachments, known)
     errors = np.max([placement_errors(mesh, found, poses) for poses in (training, validation)], axis=0)
     misplaced = {int(k): float(error) for k, error in zip(found.segment, errors, strict=True) if error > section.tau_mm}
-    for k, error in misplaced.items():
-        print(
-            f"rigid segments: '{mesh.segment_names[k]}' moves rigidly, but no vertices move with it: the closest "
-            f"misplace it by {error:.2g} mm, more than {section.tau_mm:g} mm; "
-            + ("it is attached to them, since the rig names it as rigid" if k in known else "networks deform it"),
-            file=sys.stderr,
-        )
     kept = without(found, misplaced.keys() - set(known))
     kept.save(context.out / ATTACHMENTS)
     by_name = {mesh.segment_names[k]: round(error, 4) for k, error in misplaced.items()}
