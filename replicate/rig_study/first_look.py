@@ -402,7 +402,7 @@ def _sentence(face: Face, metric: str, those: Sequence[Finding], names: str) -> 
         "stands still",
         "misplaced": f"{count} segment{'s' * (not one)} move{'s' * one} rigidly, but no vertices quite with "
         f"{'it' if one else 'them'} ({names}): the closest would misplace {'it' if one else 'them'} by up to "
-        f"{max(each.value or 0 for each in those):.2g} mm; networks deform what the rig doesn't name as rigid, less exactly; "
+        f"{max(each.value or 0 for each in those):.2g} mm, so networks deform {'it' if one else 'them'}, less exactly; "
         "include what carries such parts, if there is anything",
         "texels_a_vertex": f"{count} segment{'s' * (not one)} ha{'s' if one else 've'} less than a texel a vertex in "
         f"maps of {face.map_size} × {face.map_size} ({names}): cut the face into more segments, or set [coarse] "
