@@ -62,7 +62,7 @@ class Face:
 
     influence: (n, m), which control moves which vertex.
     rigid: indices of the segments that others carry.
-    misplaced_mm: how far those would be misplaced that move rigidly and follow nothing, by their names.
+    misplaced_mm: how far the closest vertices misplace those that move rigidly and follow nothing, by their names.
     unit: how its unit is known, in words.
     influence_mm: from how far on a control counts as moving a vertex; None where the author says which do.
     map_size: of the coarse maps, texels along a side.
@@ -157,7 +157,8 @@ def facts(face: Face) -> Iterator[Finding]:
     )
     is_odd = not FACE_MM[0] <= size <= FACE_MM[1]
     yield Finding(FACE, face.unit, "size", "mm", size, WORSE if is_odd else OK, odd if is_odd else "")
-    finite = all(np.isfinite(part).all() for part in (samples.test_offsets, samples.validation_offsets))
+    test = np.unique(np.linspace(0, len(samples.test_offsets) - 1, POSES).astype(int))
+    finite = all(np.isfinite(part).all() for part in (samples.test_offsets[test], samples.validation_offsets))
     finite = finite and bool(np.isfinite(samples.steps_mm).all())
     broken = "some poses have vertices that are not finite: write them anew"
     yield Finding(FACE, "", "finite", "", float(finite), OK if finite else MEANINGLESS, "" if finite else broken)
@@ -331,8 +332,9 @@ def segment_findings(face: Face, rest: Float[np.ndarray, "n 3"]) -> Iterator[Fin
         bad = MEANINGLESS if is_off else OK
         yield replace(row, metric="off_its_place", unit="mm", value=off, verdict=bad, sentence=words)
         yield replace(row, metric="rigid", value=float(k in face.rigid or name in misplaced))
-        left = misplaced.get(name)
-        yield replace(row, metric="misplaced", unit="mm", value=left, verdict=OK if left is None else WORSE)
+        for metric, is_it in (("misplaced", k not in face.rigid), ("attached_yet_misplaced", k in face.rigid)):
+            left = misplaced.get(name) if is_it else None
+            yield replace(row, metric=metric, unit="mm", value=left, verdict=OK if left is None else WORSE)
         seen = int(face.influence[members].any(axis=0).sum())
         bad = OK if seen or k in face.rigid else WORSE
         yield replace(row, metric="controls", unit="count", value=seen, verdict=bad)
@@ -404,6 +406,9 @@ def _sentence(face: Face, metric: str, those: Sequence[Finding], names: str) -> 
         f"{'it' if one else 'them'} ({names}): the closest would misplace {'it' if one else 'them'} by up to "
         f"{max(each.value or 0 for each in those):.2g} mm, so networks deform {'it' if one else 'them'}, less exactly; "
         "include what carries such parts, if there is anything",
+        "attached_yet_misplaced": f"{count} segment{'s' * (not one)} that the rig names as rigid "
+        f"{'is' if one else 'are'} attached to vertices that misplace {'it' if one else 'them'} by up to "
+        f"{max(each.value or 0 for each in those):.2g} mm ({names}): include what carries them, or don't name them",
         "texels_a_vertex": f"{count} segment{'s' * (not one)} ha{'s' if one else 've'} less than a texel a vertex in "
         f"maps of {face.map_size} × {face.map_size} ({names}): cut the face into more segments, or set [coarse] "
         "map_size in a CONFIG file",

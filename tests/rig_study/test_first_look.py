@@ -239,6 +239,8 @@ def test_segments_with_too_few_texels_and_rigid_ones_that_follow_nothing_are_nam
     assert "(skin)" in said["bad_texels_a_vertex"] and "(eye_left)" in said["bad_misplaced"]
     carried = replace(face, rigid=(0,))
     assert "bad_texels_a_vertex" not in amiss(carried), "a segment that others carry has no map"
+    named = replace(face, rigid=(1,))
+    assert amiss(named) == {"bad_texels_a_vertex": WORSE, "bad_attached_yet_misplaced": WORSE}
     crowd = vertices_a_texel(carried)
     assert crowd[face.rig.mesh.segment == 0].max() == 0 and crowd[face.rig.mesh.segment == 1].max() == 1
 

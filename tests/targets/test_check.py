@@ -39,6 +39,7 @@ def findings(controls: int = 2, said: int = 1) -> list[Finding]:
         "off_its_place": 0.0,
         "rigid": 1.0,
         "misplaced": 0.5,
+        "attached_yet_misplaced": None,
         "controls": 2,
         "texels_a_vertex": 204.8,
     }
@@ -60,7 +61,7 @@ def test_what_is_printed_begins_with_the_facts_and_has_the_worst_in_few_lines():
     )
     assert lines[1] == 'worse: "0", he said, is odd' and "c1: never moves in training" in lines[3]
     assert "c0: 0 to 1 in training, in 25% of the poses; moves 3 vertices, only together with others" in lines[4]
-    assert "jaw: 5 vertices, 2 controls, is rigid and follows nothing, 2e+02 texels a vertex" in lines[-1]
+    assert "jaw: 5 vertices, 2 controls, rigid, follows nothing, 2e+02 texels a vertex" in lines[-1]
     many = in_lines("teen", findings(90, 30), "check_teen.csv")
     assert len(many) <= 25 and "18 more in check_teen.csv" in many[13]
     assert "86 more in check_teen.csv" in many[14] and "c1: never moves" in many[15]

@@ -138,15 +138,21 @@ def _quiet(entry: dict[str, Finding]) -> str:
 
 def _segment_line(entry: dict[str, Finding]) -> str:
     value = {metric: each.value for metric, each in entry.items()}
-    how = "deforms"
-    if value["rigid"]:
-        how = "is rigid and follows others" if value["misplaced"] is None else "is rigid and follows nothing"
     texels = f", {value['texels_a_vertex']:.2g} texels a vertex" if "texels_a_vertex" in value else ""
     away = (
         "" if value["off_its_place"] <= EFFECT_MM else f", {round_off(value['off_its_place'], 'mm')} mm from its place"
     )
     vertices, controls = _counted(value["vertices"], "vertices"), _counted(value["controls"], "controls")
-    return f"{vertices}, {controls}, {how}{texels}{away}"
+    return f"{vertices}, {controls}, {_motion(value)}{texels}{away}"
+
+
+def _motion(value: dict[str, float | None]) -> str:
+    if not value["rigid"]:
+        return "deforms"
+    if value["misplaced"] is not None:
+        return "rigid, follows nothing"
+    off = value["attached_yet_misplaced"]
+    return "rigid, follows others" if off is None else f"rigid, attached {round_off(off, 'mm')} mm off"
 
 
 def facts_in_words(findings: Sequence[Finding]) -> str:
@@ -182,10 +188,9 @@ def segments_table(character: str, findings: Sequence[Finding]) -> Table:
     body = []
     for name, entry in by_name(findings, SEGMENT).items():
         value = {metric: each.value for metric, each in entry.items()}
-        how = "deforms" if not value["rigid"] else "rigid" if value["misplaced"] is None else "rigid, follows nothing"
         texels = f"{value['texels_a_vertex']:.2f}" if "texels_a_vertex" in value else "–"
         numbers = (f"{value['vertices']:,.0f}", f"{value['controls']:.0f}", texels)
-        body.append((name, how, *numbers, round_off(value["off_its_place"], "mm")))
+        body.append((name, _motion(value), *numbers, round_off(value["off_its_place"], "mm")))
     header = ("", "how it moves", "vertices", "controls", "texels a vertex", "from its place, mm")
     return Table(f"Segments of {character}", (header,), tuple(body), text_columns=2)
 
