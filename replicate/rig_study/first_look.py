@@ -382,14 +382,12 @@ def _sentence(face: Face, metric: str, those: Sequence[Finding], names: str) -> 
     count = len(those)
     one = count == 1
     if metric == "used_in_training":
-        later = [
-            control.name for control, is_later in zip(face.rig.controls, _untrained(face), strict=True) if is_later
-        ]
-        but = f" but in held-out poses {len(later)} of these do" if later else ""
+        later = int(_untrained(face).sum())
+        elsewhere = f"{'all' if later == count else later} of these do in held-out poses" if later else "nor elsewhere"
+        remedy = "add poses that move them, several for each" + ("" if later else ", or leave them out")
         return (
-            f"{count} of {len(face.rig.controls)} controls never move in training ({names}),{but or ' nor elsewhere'}, "
-            "so no method can learn what they do: "
-            f"add poses that move them{', several for each' if later else ', or leave them out'}"
+            f"{count} of {len(face.rig.controls)} controls never move in training ({names}), "
+            f"{'but ' if later else ''}{elsewhere}, so no method can learn what they do: {remedy}"
         )
     return {
         "training_of_limits": f"training moves {count} control{'s' * (not one)} through less than {NARROW:.0%} of "
