@@ -156,11 +156,11 @@ def remarks_before_training(
 
 def remarks(config: Config, first: Mapping[str, Stage]) -> list[str]:
     """Return what is amiss with a character in two lines at most. first: the stages `BEFORE_TRAINING`, by name."""
-    from replicate.rig_study.first_look import load_face, look, unit_in_words, warnings
+    from replicate.rig_study.first_look import EXPECTED, load_face, look, unit_in_words, warnings
 
     inputs = {name: artefact_folder(stage.identifier) for name, stage in first.items()}
     face = load_face(inputs, unit_in_words(first["rig"].config.recipe), config.coarse.map_size)
-    said = warnings(look(face, tries=False))
+    said = [each for each in warnings(look(face, tries=False)) if each.metric not in EXPECTED]
     label, command = character_label(config.character), f"`make check CHARACTERS={in_command(config.character)}`"
     lines = [f"{label}: {said[0].verdict}: {said[0].sentence}"] if said else []
     rest = f"{len(said) - 1} more of the kind, and pictures" if len(said) > 1 else "pictures of it"

@@ -56,6 +56,7 @@ def test_the_worst_is_told_and_where_the_rest_is(tiny, monkeypatch):
         Finding(FACE, "", "size", "mm", 61.0, WORSE, "it is small"),
         Finding(FACE, "", "finite", "", 0.0, MEANINGLESS, "NaN"),
     ]
+    few = Finding(FACE, "", "bad_texels_a_vertex", "count", 5.0, WORSE, "as on any large face")
     monkeypatch.setattr(first_look, "load_face", lambda *_: None)
     first = {stage.name: stage for stage in in_order(list(graph(tiny))) if stage.name in BEFORE_TRAINING}
     for findings, lines in (
@@ -63,8 +64,8 @@ def test_the_worst_is_told_and_where_the_rest_is(tiny, monkeypatch):
             found,
             ["tiny: meaningless: NaN", "tiny: `make check CHARACTERS=tiny` shows 1 more of the kind, and pictures"],
         ),
-        (found[:1], ["tiny: worse: it is small", "tiny: `make check CHARACTERS=tiny` shows pictures of it"]),
-        ([], []),
+        ([*found[:1], few], ["tiny: worse: it is small", "tiny: `make check CHARACTERS=tiny` shows pictures of it"]),
+        ([few], []),
     ):
         monkeypatch.setattr(first_look, "look", lambda face, tries, findings=findings: findings)
         assert running.remarks(tiny, first) == lines
