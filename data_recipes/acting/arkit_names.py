@@ -56,7 +56,8 @@ NAMES: tuple[tuple[str, int, dict[str, float]], ...] = (
 )
 SIDES = {"left": "L", "right": "R"}
 LARGEST_WEIGHT = 2.0  # the largest upper limit of a control that counts in weights
-# Other programs' names for about the same: VRoid's and VRM's shapes. Several of ours may stand for one of theirs.
+# Other programs' names for about the same: VRoid's and VRM's shapes, and MakeHuman's expression units. Several of ours
+# may stand for one of theirs.
 OTHERS = {
     "Fcl_EYE_Close_L": "eyeBlink_L",
     "Fcl_EYE_Close_R": "eyeBlink_R",
@@ -72,7 +73,26 @@ OTHERS = {
     "Fcl_MTH_Sorrow": "mouthFrown",
     "blink_l": "eyeBlink_L",
     "blink_r": "eyeBlink_R",
+    "mouth-open": "jawOpen",
+    "mouth-corner-puller": "mouthSmile",
+    "mouth-depression": "mouthFrown",
+    "mouth-elevation": "mouthUpperUp",
+    "mouth-depression-retraction": "mouthLowerDown",
+    "mouth-compression": "mouthPress",
+    "mouth-pursing": "mouthPucker",
+    "mouth-protusion": "mouthFunnel",
+    "mouth-retraction": "mouthStretch",
 }
+_BOTH = {  # MakeHuman's of one side
+    "eye-*-closure": "eyeBlink",
+    "eye-*-opened-up": "eyeWide",
+    "eye-*-slit": "eyeSquint",
+    "eyebrows-*-down": "browDown",
+    "eyebrows-*-inner-up": "browInnerUp",
+    "eyebrows-*-extern-up": "browOuterUp",
+    "nose-*-elevation": "noseSneer",
+}
+OTHERS |= {a.replace("*", side): f"{b}_{letter}" for a, b in _BOTH.items() for side, letter in SIDES.items()}
 
 
 def canonical(name: str) -> str:

@@ -20,7 +20,8 @@ def played(controls, limits=(0.0, 0.0, 1.0), **weights):
 
 
 @pytest.mark.parametrize(
-    "spelt", ["eyeBlinkLeft", "eyeBlink_L", "EyeBlinkLeft", "head.eye_blink_left", "Fcl_EYE_Close_L"]
+    "spelt",
+    ["eyeBlinkLeft", "eyeBlink_L", "EyeBlinkLeft", "head.eye_blink_left", "Fcl_EYE_Close_L", "eye-left-closure"],
 )
 def test_a_weight_drives_the_control_of_its_name_however_that_is_spelt(spelt):
     moved, lacking = played([spelt, "other"], EyeBlinkLeft=0.4, JawOpen=1.0)
