@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 from replicate.base.exceptions import InputError
 from replicate.base.paths import display_path
@@ -38,7 +39,8 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stage that looks at one character."""
     rig = artefacts.rig_stage(plan)
     others = (artefacts.samples_stage, artefacts.influence_stage, artefacts.rigid_stage)
-    settings = CheckSettings(plan.character, unit_in_words(rig.config.recipe), plan.config.coarse.map_size)
+    recipe = cast(artefacts.Character, rig.config).recipe
+    settings = CheckSettings(plan.character, unit_in_words(recipe), plan.config.coarse.map_size)
     return [plan.stage(NAME, write_check, settings, rig, *(stage(plan) for stage in others))]
 
 
