@@ -1,6 +1,6 @@
 """A character in several poses, in the colours of skin, teeth and mouth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,6 +49,22 @@ def character_surfaces(rig: Rig, params: Float[np.ndarray, " m"], camera: Camera
     return [Surface(rig(params), rig.mesh.faces, **colours), *prop_surfaces(rig.pose_props(params), camera)]
 
 
+# What is for display only, by the beginnings of the names of props.
+SHOWN_ONLY = {"hair": "hair", "brow": "brows", "horn": "horns", "glasses": "glasses", "eye": "eyeballs"}
+
+
+def shown_only(rigs: Sequence[Rig]) -> str:
+    """Return what of some rigs is for display only, as a sentence; "" where nothing is."""
+    names = [prop[0] for rig in rigs for prop in rig.pose_props(rig.default)]
+    found = ["paint"] if any(rig.paint is not None for rig in rigs) else []
+    found += [word for start, word in SHOWN_ONLY.items() if any(name.startswith(start) for name in names)]
+    if not found:
+        return ""
+    words = " and ".join(filter(None, [", ".join(found[:-1]), found[-1]]))
+    are, them = ("is", "it") if found == ["paint"] else ("are", "them")
+    return f"{words[0].upper()}{words[1:]} {are} for display only; no method approximates {them}."
+
+
 def expression_sheet(
     rig: Rig,
     poses: Mapping[str, np.ndarray],
@@ -82,6 +98,6 @@ def expression_sheet(
     names = ", ".join(poses)
     return figure, Words(
         f"Renders of the character {rig.name} in {len(poses)} poses: {names}.",
-        f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls. Poses: {names}. Hair, brows and "
-        "eyeballs are for display only; no method approximates them.",
+        f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls. Poses: {names}. "
+        f"{shown_only([rig])}".strip(),
     )

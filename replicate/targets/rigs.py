@@ -11,7 +11,7 @@ from data_recipes.catalogue import expression_poses
 from data_recipes.rig import Rig, has_function
 from replicate.base import paths
 from replicate.cli.options import characters
-from replicate.drawing.characters import BACKGROUND, character_surfaces, expression_sheet
+from replicate.drawing.characters import BACKGROUND, character_surfaces, expression_sheet, shown_only
 from replicate.drawing.light import PORTRAIT
 from replicate.drawing.marks import quad_edges, wireframe
 from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid, save_figure
@@ -114,8 +114,8 @@ def rig_sheet(rig: Rig, width: int = 310, height: int = 340) -> "tuple[matplotli
         f"Renders of the character {rig.name} from the front, from three quarters and from the side, then its edges "
         f"over clay; below, the texture charts of its {len(names)} deformable segments: {words}.",
         f"{rig.name}: {len(rig.mesh.neutral):,} vertices, {len(rig.controls)} controls, {len(names)} deformable "
-        f"segments with a chart each (its vertices beside its name) and {rigid} rigid ones. Paint, hair, brows and "
-        "eyeballs are for display only; no method approximates them.",
+        f"segments with a chart each (its vertices beside its name) and {rigid} rigid ones. "
+        f"{shown_only([rig])}".strip(),
     )
 
 
@@ -123,10 +123,9 @@ def line_up(rigs: Sequence, width: int = 300, height: int = 330) -> "tuple[matpl
     """Return (figure, words): the rigs side by side at rest, from the front and from three quarters."""
     rows = [[_portrait(rig, view, width, height) for rig in rigs] for view in ("front", "three_quarter")]
     words = ", ".join(rig.name for rig in rigs)
-    kind = ", procedural heads" if all(map(has_function, rigs)) else ""
     return panel_grid(rows, [rig.name for rig in rigs]), Words(
         f"Renders of {len(rigs)} characters at rest, from the front and from three quarters: {words}.",
-        f"The characters{kind}, at rest: {words}. Paint, hair, brows, horns and eyeballs are for display only.",
+        f"The characters at rest: {words}. {shown_only(rigs)}".strip(),
     )
 
 

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 from plain_rig import PlainRig
 
-from replicate.drawing.characters import character_surfaces
+from replicate.drawing.characters import character_surfaces, shown_only
 from replicate.drawing.marks import quad_edges, wireframe
 from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces, project
 from replicate.geometry.mesh import Mesh
@@ -124,3 +124,13 @@ def test_a_wireframe_lies_before_its_surface_and_leaves_out_what_faces_away(rig)
     assert len(front.faces) == 2 * 30 and isinstance(front, Surface)
     assert front.vertices[:, 2].min() > rig.mesh.neutral[:, 2].min() + 0.2
     assert len(wireframe(rig.mesh.neutral, rig.mesh.faces[:, ::-1], camera, 1.0).faces) == 0
+
+
+def test_words_name_what_is_for_display_only_among_what_there_is(rig):
+    assert shown_only([rig]) == "Paint and eyeballs are for display only; no method approximates them."
+    bald = Plate(**vars(rig) | {"pose_props": lambda params: []})
+    assert shown_only([bald]) == "Paint is for display only; no method approximates it."
+    assert shown_only([Plate(**vars(bald) | {"paint": None})]) == ""
+    haired = Plate(**vars(rig) | {"pose_props": lambda params: [("hair_long",), ("glasses_2",), ("bust",)]})
+    assert shown_only([bald, haired]).startswith("Paint, hair and glasses are for display only")
+    assert shown_only([rig]) in rig_sheet(rig, 60, 66)[1].caption and shown_only([rig]) in line_up([rig])[1].caption
