@@ -165,7 +165,7 @@ def test_the_folder_is_a_character_for_table2(capfd, cache, tmp_path, monkeypatc
     assert len(set(cache.glob("rig-tiny_again-*"))) == len(before) + 1  # another rig, by its content
 
 
-@pytest.mark.parametrize("target", ["table4", "figure11", "figure12", "capture", "tour"])
+@pytest.mark.parametrize("target", ["table4", "figure11", "figure12", "tour"])
 def test_what_asks_the_rig_itself_says_so_in_a_sentence(capfd, cache, folder, target):
     assert cli.main([target, "--characters", str(folder)]) == 2
     errors = capfd.readouterr().err.strip().splitlines()
