@@ -207,7 +207,8 @@ def find_rigid(context: StageContext) -> None:
     from replicate.approximation.samples import PosedSamples
 
     mesh, samples, section = load_mesh(context.inputs), load_samples(context.inputs), context.config.section
-    named = json.loads((context.inputs["rig"] / RIGID_NAMES).read_text(encoding="utf-8"))
+    names = context.inputs["rig"] / RIGID_NAMES
+    named = json.loads(names.read_text(encoding="utf-8")) if names.is_file() else ()
     known = [mesh.segment_names.index(name) for name in named]
     training, validation = PosedSamples(mesh.neutral, samples), mesh.neutral + samples.validation_offsets
     found = find_attachments(mesh, training, section.tau_mm, section.attachments, known)
