@@ -1,6 +1,7 @@
 """What a look at a face found: as CSV, in lines and tables, as pictures of poses, controls' reach and texels."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,8 @@ COLUMNS = (
 
 def write_findings(file: Path, character: str, findings: Sequence[Finding]) -> None:
     """Write the findings about a character."""
-    write_csv(file, COLUMNS, [(character, *vars(each).values()) for each in findings])
+    numbers = (replace(each, value=None if each.value is None else float(each.value)) for each in findings)
+    write_csv(file, COLUMNS, [(character, *vars(each).values()) for each in numbers])
 
 
 def read_findings(file: Path) -> list[Finding]:
