@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from data_recipes.acting.procedural_acting import Acting
 from data_recipes.recipe_paths import FACE_FILE, shape_file
-from data_recipes.sampled.face_file import FARTHEST_LIMIT, MM, Points
+from data_recipes.sampled.face_file import FARTHEST_LIMIT, Points, check_words, read_words
 from replicate.base.exceptions import InputError
-from replicate.base.schema import Checked, names, naming, number, numbers, read_table, shown
-from replicate.base.user_files import is_file, read_toml, shown_path
+from replicate.base.schema import Checked, names, number, numbers, shown
+from replicate.base.user_files import is_file
 
 AXES = ("x", "y", "z")
 FARTHEST_DEG = 180.0
@@ -21,7 +22,7 @@ class ShapeFace(Checked):
     """What may be said of such a face, in a `face.toml` beside it: all of it is optional.
 
     name: "" for that of the file.
-    unit: "" has it guessed from the face's size.
+    unit: "guess" takes the one that makes it as large as a face.
     up: the axis that points upwards; a glTF's is always y.
     segments: what makes a segment of the mesh: a node or an OBJ's group, a material, or an island of the texture.
     keep: parts that no control moves and that are approximated all the same.
@@ -30,12 +31,13 @@ class ShapeFace(Checked):
     joints: joint of the skin → axis (x, y, z, its own at rest) → least and greatest angle, degrees; each is a control.
     eyes: the middle between the eyeballs, in the file's unit and axes; () has it guessed.
     acting: the animation that is invented for it.
+    mesh: of a folder, the file of the neutral; "" for the one that is called so.
     """
 
     name: str = ""
-    unit: str = ""
-    up: str = "y"
-    segments: str = "groups"
+    unit: Literal["guess", "mm", "cm", "dm", "m", "in", "ft"] = "guess"
+    up: Literal["y", "z"] = "y"
+    segments: Literal["groups", "materials", "islands"] = "groups"
     keep: tuple[str, ...] = names(what="parts")
     rigid: tuple[str, ...] = names(what="segments")
     limits: dict = field(default_factory=dict)
@@ -50,14 +52,7 @@ class ShapeFace(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for key, options in (
-            ("unit", ("", *MM)),
-            ("up", ("y", "z")),
-            ("segments", ("groups", "materials", "islands")),
-        ):
-            if getattr(self, key) not in options:
-                words = ", ".join(filter(None, options))
-                raise InputError(f"{key}: expected one of {words}, got {shown(getattr(self, key))}")
+        check_words(self.name or "unnamed", self.source, self.licence)
         for name, limits in self.limits.items():
             _check_span(f"limits.{shown(name)}", limits, FARTHEST_LIMIT, "least and greatest value")
         for joint, axes in self.joints.items():
@@ -76,12 +71,11 @@ def _check_span(key: str, limits: object, farthest: float, what: str) -> None:
 
 @dataclass(frozen=True)
 class ShapeRecipe:
-    """What a rig of shapes is made from besides its files. name: the character's."""
+    """What a rig of shapes is made from besides its files. name: the character's. file: where it lies; "" in keys."""
 
     name: str
     face: ShapeFace
-    file: str = "<memory>"
-    clip_files: tuple[str, ...] = ()
+    file: str = ""
 
 
 def load_shape_recipe(character: str) -> ShapeRecipe:
@@ -92,8 +86,5 @@ def load_shape_recipe(character: str) -> ShapeRecipe:
     place = shape_file(character)
     folder = place if place.is_dir() else place.parent
     toml = folder / FACE_FILE
-    face = ShapeFace()
-    if is_file(toml):
-        with naming(shown_path(toml)):
-            face = read_table(ShapeFace, read_toml(toml))
+    face = read_words(ShapeFace, toml) if is_file(toml) else ShapeFace()
     return ShapeRecipe(face.name or place.stem, face, str(place))

@@ -7,7 +7,7 @@ import io
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -100,18 +100,12 @@ class FaceFile(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not re.fullmatch(r"\w[\w-]*", self.name) or len(self.name.encode()) > LONGEST:
-            raise InputError(f"name: expected at most {LONGEST} letters, digits, _ and -, got {shown(self.name)}")
+        check_words(self.name, self.source, self.licence)
         if self.mesh != Path(self.mesh).name or Path(self.mesh).suffix.lower() not in MESH_ENDINGS:
             raise InputError(
                 f"mesh: expected the name of a {either(MESH_ENDINGS)} file in this folder, got {shown(self.mesh)}: "
                 "export the neutral pose as one of these, its vertices in the order of the poses"
             )
-        for name in ("source", "licence"):
-            text = getattr(self, name)
-            if not (text.isprintable() and len(text) <= LONGEST_TEXT):
-                expected = f"expected one line of at most {LONGEST_TEXT} characters"
-                raise InputError(f"{name}: {expected}, got {shown(text)}")
 
     @property
     def mm(self) -> float:
@@ -123,6 +117,16 @@ class FaceFile(Checked):
         return in_our_axes(points, self.up) * self.mm
 
 
+def check_words(name: str, source: str, licence: str) -> None:
+    """Raise InputError for a name that no file could have, and for texts of more than a line."""
+    if not re.fullmatch(r"\w[\w-]*", name) or len(name.encode()) > LONGEST:
+        raise InputError(f"name: expected at most {LONGEST} letters, digits, _ and -, got {shown(name)}")
+    for key, text in (("source", source), ("licence", licence)):
+        if not (text.isprintable() and len(text) <= LONGEST_TEXT):
+            expected = f"expected one line of at most {LONGEST_TEXT} characters"
+            raise InputError(f"{key}: {expected}, got {shown(text)}")
+
+
 def in_our_axes(points: Float[np.ndarray, "*b 3"], up: str) -> Float[np.ndarray, "*b 3"]:
     """Return points with y up and z forwards; where z is up, a face looks along -y."""
     return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1) if up == "z" else points
@@ -130,13 +134,20 @@ def in_our_axes(points: Float[np.ndarray, "*b 3"], up: str) -> Float[np.ndarray,
 
 def read_face(folder: Path) -> FaceFile:
     """Return what a folder's `face.toml` says. Raises InputError, naming file and key, for a wrong or missing value."""
-    file = folder / FACE_FILE
+    return read_words(FaceFile, folder / FACE_FILE)
+
+
+Said = TypeVar("Said", bound=Checked)
+
+
+def read_words(kind: type[Said], file: Path) -> Said:
+    """Return what a `face.toml` of some kind says, "CM" for "cm" included. Raises InputError as `read_face` does."""
     table = read_toml(file)
     for key in ("unit", "up", "segments"):
         if isinstance(table.get(key), str):
             table[key] = table[key].lower()
     with naming(shown_path(file)):
-        return read_table(FaceFile, table)
+        return read_table(kind, table)
 
 
 # The controls of a folder of samples, `controls.csv`: a line for each control, in the order of the columns of `params`.

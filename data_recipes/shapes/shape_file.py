@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from data_recipes.gltf.document import buffer_files
 from data_recipes.gltf.gltf_face import GltfSkin, read_gltf
+from data_recipes.recipe.shapes import ShapeFace, ShapeRecipe
 from data_recipes.recipe_paths import FACE_FILE, SHAPE_ENDINGS, SHAPE_MESHES
 from data_recipes.sampled.face_file import MM, in_our_axes
 from data_recipes.sampled.mesh_file import NeutralFile, neutral_of, read_mesh
@@ -37,8 +38,8 @@ def source_files(recipe: ShapeRecipe) -> tuple[Path, ...]:
     stated = recipe.face.mesh
     wanted = [file for file in meshes if (file.name == stated if stated else file.stem.lower() in NEUTRAL_NAMES)]
     if not wanted:
-        others = f": call the neutral one of {', '.join(NEUTRAL_NAMES)}, or name it in {FACE_FILE}, mesh = …"
-        raise InputError(f"{shown_path(place)}: which of {len(meshes)} meshes is the neutral face?{others[1:]}")
+        remedy = f"call it one of {', '.join(NEUTRAL_NAMES)}, or name it in {FACE_FILE}, mesh = …"
+        raise InputError(f"{shown_path(place)}: which of {len(meshes)} meshes is the neutral face? {remedy}")
     neutral = wanted[0]
     shapes = [file for file in meshes if file != neutral]
     if not shapes:
@@ -92,7 +93,7 @@ def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
                 raise InputError(f"{shown_path(shape)}: expected the {n} vertices of {file.name}, got {len(vertices)}")
             targets[shape.stem] = vertices - neutral.vertices
         weights, skin, colours = dict.fromkeys(targets, 0.0), None, None
-    mm = MM[face.unit] if face.unit else _guess_unit(neutral.vertices, targets, where)
+    mm = MM[face.unit] if face.unit in MM else _guess_unit(neutral.vertices, targets, where)
     up = "y" if file.suffix.lower() in SHAPE_ENDINGS else face.up
     ours = lambda x: in_our_axes(x, up) * mm  # noqa: E731
     in_mm = NeutralFile(**vars(neutral) | {"vertices": ours(neutral.vertices)})
@@ -109,9 +110,10 @@ def control_names(recipe: ShapeRecipe, files: Sequence[Path]) -> list[str]:
 
 def _guess_unit(vertices: np.ndarray, targets: Mapping[str, np.ndarray], where: str) -> float:
     """Return the unit in mm that makes what moves as large as a face. Raises InputError where none does."""
-    moving = np.any([np.abs(x).max(axis=1) > 0 for x in targets.values()], axis=0) if targets else np.ones(1, bool)
-    some = vertices[moving] if moving.shape == vertices.shape[:1] and moving.any() else vertices
-    size = float(np.ptp(some, axis=0).max())
+    moving = np.zeros(len(vertices), bool)
+    for offsets in targets.values():
+        moving |= offsets.any(axis=1)
+    size = float(np.ptp(vertices[moving] if moving.any() else vertices, axis=0).max())
     for unit in GUESSED_UNITS:
         if FACE_MM[0] <= size * MM[unit] <= FACE_MM[1]:
             return MM[unit]

@@ -225,7 +225,7 @@ def reversed_limits(folder):
     "write, message",
     [
         (still, "no morph targets, so nothing can move"),
-        (small, "unit: expected one of mm, cm, dm, m, in, ft, got 'furlong'"),
+        (small, "unit: expected guess, mm, cm, dm, m, in or ft, got 'furlong'"),
         (unknown, "there is no control jawOpn; did you mean jawOpen"),
         (reversed_limits, r"limits.'jawOpen': expected least and greatest value around 0, such as \[0, 1\], got"),
     ],
