@@ -37,6 +37,7 @@ from replicate.inverse.control_points import ControlPoints, InverseConfig, contr
 from replicate.inverse.ik_network import parameter_ranges
 from replicate.inverse.solver import solve
 from replicate.methods import artefacts, measurement
+from replicate.methods.attachment import placing_attachments
 from replicate.methods.method import Method
 from replicate.methods.method_registry import choose, in_order, method_named
 from replicate.methods.plan import Plan, reference
