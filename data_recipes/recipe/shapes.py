@@ -14,6 +14,7 @@ from replicate.base.schema import Checked, names, number, numbers, shown
 from replicate.base.user_files import is_file
 
 AXES = ("x", "y", "z")
+GUESS = "guess"
 FARTHEST_DEG = 180.0
 
 
@@ -35,7 +36,7 @@ class ShapeFace(Checked):
     """
 
     name: str = ""
-    unit: Literal["guess", "mm", "cm", "dm", "m", "in", "ft"] = "guess"
+    unit: Literal["guess", "mm", "cm", "dm", "m", "in", "ft"] = GUESS
     up: Literal["y", "z"] = "y"
     segments: Literal["groups", "materials", "islands"] = "groups"
     keep: tuple[str, ...] = names(what="parts")

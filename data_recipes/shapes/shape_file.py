@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from data_recipes.gltf.document import buffer_files
 from data_recipes.gltf.gltf_face import GltfSkin, read_gltf
-from data_recipes.recipe.shapes import ShapeFace, ShapeRecipe
+from data_recipes.recipe.shapes import GUESS, ShapeFace, ShapeRecipe
 from data_recipes.recipe_paths import FACE_FILE, SHAPE_ENDINGS, SHAPE_MESHES
 from data_recipes.sampled.face_file import MM, in_our_axes
 from data_recipes.sampled.mesh_file import NeutralFile, neutral_of, read_mesh
@@ -93,7 +93,7 @@ def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
                 raise InputError(f"{shown_path(shape)}: expected the {n} vertices of {file.name}, got {len(vertices)}")
             targets[shape.stem] = vertices - neutral.vertices
         weights, skin, colours = dict.fromkeys(targets, 0.0), None, None
-    mm = MM[face.unit] if face.unit in MM else _guess_unit(neutral.vertices, targets, where)
+    mm = _guess_unit(neutral.vertices, targets, where) if face.unit == GUESS else MM[face.unit]
     up = "y" if file.suffix.lower() in SHAPE_ENDINGS else face.up
     ours = lambda x: in_our_axes(x, up) * mm  # noqa: E731
     in_mm = NeutralFile(**vars(neutral) | {"vertices": ours(neutral.vertices)})

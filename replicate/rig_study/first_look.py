@@ -419,4 +419,4 @@ def unit_in_words(recipe: object) -> str:
     unit = getattr(getattr(recipe, "face", None), "unit", None)
     if unit is None:
         return "mm, as in all recipes"
-    return f"{unit}, as its face.toml says" if unit else "guessed from the size of what moves"
+    return "guessed from the size of what moves" if unit == "guess" else f"{unit}, as its face.toml says"

@@ -259,5 +259,5 @@ def test_long_lists_of_names_are_cut():
 def test_the_unit_is_stated_or_guessed():
     recipe = type("Recipe", (), {"face": type("Face", (), {"unit": "cm"})})
     assert unit_in_words(recipe) == "cm, as its face.toml says" and unit_in_words(object()) == "mm, as in all recipes"
-    recipe.face.unit = ""
+    recipe.face.unit = "guess"
     assert "guessed" in unit_in_words(recipe)
