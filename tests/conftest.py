@@ -14,9 +14,10 @@ gc.set_threshold(20_000, 10, 50)  # imports and JAX leave millions of objects th
 for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of them is loaded
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-if "PYTEST_XDIST_WORKER" not in os.environ:  # all processes of the tests share the code that one of them compiles
+if "PYTEST_XDIST_WORKER" not in os.environ:  # what one process of the tests compiles or builds, all of them share
     folder = tempfile.mkdtemp(prefix="replicate-compiled-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["REPLICATE_TEST_RIGS"] = os.path.join(folder, "rigs")
     os.environ["NUMBA_CACHE_DIR"] = os.path.join(folder, "numba")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(folder, "jax")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"

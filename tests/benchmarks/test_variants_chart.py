@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rigs
 
-from data_recipes.catalogue import build_rig
 from replicate.benchmarks.bench_regional import region_colours, regional_figure
 from replicate.benchmarks.variants import variants_chart
 from replicate.drawing.rig_views import UNUSED_COLOUR
@@ -64,7 +64,7 @@ def test_the_words_name_the_best_and_the_worst():
 
 @pytest.fixture(scope="module")
 def rig():
-    return build_rig("tiny")
+    return rigs.rig("tiny")
 
 
 def test_rigid_segments_are_gray_and_regions_have_a_colour_each(rig):

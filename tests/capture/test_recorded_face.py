@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import rigs
 
-from data_recipes.catalogue import FACE_LANDMARKS, build_rig, character_parts, with_face_landmarks
+from data_recipes.catalogue import FACE_LANDMARKS
 from replicate.base.exceptions import InputError
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import MM, PIXELS, Recording, read_landmarks, write_landmarks
@@ -16,7 +17,7 @@ FACE, STEADY, PLAIN = CaptureConfig(), CaptureConfig(head="steady"), CaptureConf
 @pytest.fixture(scope="module")
 def still():
     """Five frames (5, 54, 2) of a character's landmarks at rest, mm, y up."""
-    rig = with_face_landmarks(build_rig("tiny"), character_parts("tiny")[0])
+    rig = rigs.landmark_rig("tiny")
     return np.tile(rig.mesh.neutral[rig.control_points, :2].astype(float), (5, 1, 1))
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+import rigs
 from lesson_source import answers
 
 from course.checks import Wrong
 from course.checks.lesson1 import check_bend, check_soft_limit, check_turn_jaw
-from data_recipes.catalogue import build_rig
 
 SOLVED = answers("lesson1")
 soft_limit, turn_jaw, bend = (SOLVED[name] for name in ("soft_limit", "turn_jaw", "bend"))
@@ -14,7 +14,7 @@ soft_limit, turn_jaw, bend = (SOLVED[name] for name in ("soft_limit", "turn_jaw"
 
 @pytest.fixture(scope="module")
 def rig():
-    return build_rig("tiny")
+    return rigs.rig("tiny")
 
 
 def test_solutions_pass_and_say_how_near_they_are(rig, capsys):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import rigs
 from rig_poses import augmented_poses, flipped_share, skin_faces
 
-from data_recipes.catalogue import build_rig
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
 from replicate.geometry.mesh import face_normals
@@ -16,7 +16,7 @@ COUNTS = {"woman": (12828, 265, 7, 24), "toon": (4922, 99, 6, 2)}
 
 @pytest.fixture(scope="module", params=tuple(COUNTS))
 def rig(request):
-    return build_rig(request.param)
+    return rigs.rig(request.param)
 
 
 def poses_of(rig, count, seed):

@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
+import rigs
 from rig_poses import augmented_poses, flipped_share, skin_faces
 from scipy.spatial import cKDTree
 
 from data_recipes.acting.motion import pose
-from data_recipes.catalogue import build_rig, expression_poses
+from data_recipes.catalogue import expression_poses
 
 
 @pytest.fixture(scope="module")
 def dragon():
-    return build_rig("dragon")
+    return rigs.rig("dragon")
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import rigs
 from rig_poses import augmented_poses, pose_of
 
 from data_recipes.catalogue import build_rig, load_rig, save_rig
@@ -13,7 +14,7 @@ STEPS = ("1", "2", "3", "4", "6")
 @pytest.fixture(scope="module")
 def ladder(tiny):
     """Tiny on every step, by the step's name."""
-    return {step: build_rig(f"tiny@{step}") for step in STEPS} | {"5": tiny}
+    return {step: rigs.rig(f"tiny@{step}") for step in STEPS} | {"5": tiny}
 
 
 def teeth_of(rig):

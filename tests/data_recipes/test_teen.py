@@ -4,16 +4,17 @@ import time
 
 import numpy as np
 import pytest
+import rigs
 from rig_poses import augmented_poses, flipped_share, skin_faces, strained_pose
 
-from data_recipes.catalogue import build_rig, expression_poses
+from data_recipes.catalogue import expression_poses
 from data_recipes.rig import Rig
 from replicate.geometry.mesh import face_normals
 
 
 @pytest.fixture(scope="module")
 def teen():
-    return build_rig("teen")
+    return rigs.rig("teen")
 
 
 def test_the_default_pose_is_the_neutral(teen):

@@ -1,14 +1,14 @@
 """The rig's control points as a torch function: its numbers and its exact derivative."""
 
 import numpy as np
+import rigs
 import torch
 
-from data_recipes.catalogue import build_rig
 from replicate.inverse.posing import RigPoints
 
 
 def test_the_rigs_points_and_derivatives_are_those_of_the_rig():
-    rig = build_rig("tiny")
+    rig = rigs.rig("tiny")
     vertices = np.asarray(rig.control_points)
     rng = np.random.default_rng(0)
     pose = (rig.default + 0.2 * rng.uniform(0, 1, len(rig.controls)) * (rig.upper - rig.default)).astype(np.float32)

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rigs
 from PIL import Image
 from refusal import refusal
 
-from data_recipes.catalogue import FACE_LANDMARKS, build_rig, character_parts, performance, with_face_landmarks
+from data_recipes.catalogue import FACE_LANDMARKS, performance
 from replicate import __main__ as cli
 from replicate.base.progress import progress
 from replicate.capture.capture_config import CaptureConfig
@@ -65,7 +66,7 @@ def folder(tmp_path_factory):
     """A cache, results and a configuration of their own, in which `figure12` and `capture` have been run."""
     place = tmp_path_factory.mktemp("capture")
     (place / "numbers.toml").write_text(NUMBERS)
-    rig = with_face_landmarks(build_rig("tiny"), character_parts("tiny")[0])
+    rig = rigs.landmark_rig("tiny")
     places = rig(performance(rig)[40:56])[:, rig.control_points, :2].astype(float)
     places[0] = rig.mesh.neutral[rig.control_points, :2]
     places[8, 5] = np.nan

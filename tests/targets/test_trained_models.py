@@ -7,8 +7,9 @@ import zipfile
 
 import numpy as np
 import pytest
+import rigs
 
-from data_recipes.catalogue import FACE_LANDMARKS, build_rig, character_parts, with_face_landmarks
+from data_recipes.catalogue import FACE_LANDMARKS
 from replicate import __main__ as cli
 from replicate.approximation.metrics import evaluate
 from replicate.approximation.rigid import Attachments, attach
@@ -196,7 +197,7 @@ def test_models_of_another_rig_are_refused_with_the_way_out(shipped, capsys):
 
 
 def test_page_models_and_animation_come_from_an_empty_cache(shipped, tmp_path, capsys):
-    rig = with_face_landmarks(build_rig("tiny"), character_parts("tiny")[0])
+    rig = rigs.landmark_rig("tiny")
     places = np.repeat(rig.mesh.neutral[None, rig.control_points, :2], 9, axis=0).astype(float)
     places[4:, 20:30, 1] += 3
     write_landmarks(tmp_path / "actor.csv", places, tuple(FACE_LANDMARKS), "mm")
@@ -272,7 +273,7 @@ def test_the_committed_models_are_those_that_the_command_puts_there_and_stay_sma
 
 @pytest.mark.parametrize("character", COMMITTED)
 def test_a_committed_model_has_the_errors_that_its_manifest_states(character, tmp_path):
-    facts, rig = COMMITTED[character], build_rig(character)
+    facts, rig = COMMITTED[character], rigs.rig(character)
     file = trained.FOLDER / facts["file"]
     with zipfile.ZipFile(file) as archive:
         archive.extractall(tmp_path)

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import rigs
 from plain_rig import PlainRig
 from small_facekit import write_facekit
 
@@ -55,7 +56,7 @@ def test_landmarks_lie_where_their_names_say(character):
 
 
 def test_a_rig_gets_them_as_its_control_points_and_stays_what_it_is():
-    rig = build_rig("tiny")
+    rig = rigs.rig("tiny")
     other = with_face_landmarks(rig, character_parts("tiny")[0])
     assert other.control_point_names == NAMES and len(other.control_points) == len(other.control_point_regions) == 54
     pose = rig.default + np.float32(0.2) * (rig.upper - rig.lower)
