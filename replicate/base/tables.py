@@ -21,7 +21,6 @@ from replicate.base.schema import either
 if TYPE_CHECKING:
     import pandas
 
-SPARE = 20  # columns beyond those declared, so that extra cells of a line can be counted
 LONGEST = 200  # characters of a file in a message
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?inf|nan", re.ASCII | re.IGNORECASE)
 DIGITS = 18  # of a whole number: as many as 64 bits hold
@@ -57,24 +56,25 @@ def read_csv(path: Path, columns: Sequence[Column], key: Sequence[str], missing:
     """
     import pandas
 
-    cells = _cells(path, len(columns), missing)
-    names = [column.name for column in columns]
-    header = [cell for cell in cells.iloc[0] if isinstance(cell, str)] if len(cells) else ["nothing"]
-    if header != names:
-        raise InputError(f"{path}, line 1: expected the header {','.join(names)!r}, got {_shorten(','.join(header))!r}")
-    body = cells.iloc[1:].reset_index(drop=True)
-    for line, count in enumerate(body.notna().sum(axis="columns"), start=2):
-        if count != len(columns):
-            raise InputError(f"{path}, line {line}: expected {len(columns)} cells, got {count}")
-    read = {}
+    header, *body = _rows(path, missing) or [["nothing"]]
+    if header != [column.name for column in columns]:
+        expected, got = (",".join(names) for names in ([column.name for column in columns], header))
+        raise InputError(f"{path}, line 1: expected the header {expected!r}, got {_shorten(got)!r}")
+    for line, row in enumerate(body, start=2):
+        if len(row) != len(columns):
+            raise InputError(f"{path}, line {line}: expected {len(columns)} cells, got {len(row)}")
+    read: dict[str, list] = {}
     for place, column in enumerate(columns):
-        texts = body[place].tolist()
+        texts = [row[place] for row in body]
+        lines: dict[str, int] = {}  # where each text is first; most come again and again
         for line, text in enumerate(texts, start=2):
+            lines.setdefault(text, line)
+        for text, line in lines.items():
             _check(path, line, column, text)
-        read[column.name] = pandas.Series([_value(column, text) for text in texts], dtype=column.dtype)
-    frame = pandas.DataFrame(read)
-    _check_unique(path, frame[list(key)].itertuples(index=False, name=None) if key else ())
-    return frame
+        values = {text: _value(column, text) for text in lines}
+        read[column.name] = [values[text] for text in texts]
+    _check_unique(path, zip(*(read[name] for name in key), strict=True))
+    return pandas.DataFrame({column.name: pandas.Series(read[column.name], dtype=column.dtype) for column in columns})
 
 
 def write_csv(path: Path, columns: Sequence[Column], lines: Iterable[Sequence], key: Sequence[str] = ()) -> None:
@@ -94,45 +94,24 @@ def write_csv(path: Path, columns: Sequence[Column], lines: Iterable[Sequence], 
     write_text(path, text.getvalue())
 
 
-def _cells(path: Path, width: int, missing: str) -> "pandas.DataFrame":
-    """Return a file's cells as texts, NaN where a line has no cell, with `SPARE` columns more than there should be.
-
-    pandas' Python parser, unlike its C parser, can tell an empty cell from a missing one.
-    """
-    import pandas
-
+def _rows(path: Path, missing: str) -> list[list[str]]:
+    """Return the cells of each row of a file."""
+    rows, line = [], 1
     try:
-        with open(path, encoding="utf-8", newline="") as file:
-            return pandas.read_csv(
-                file,
-                engine="python",
-                header=None,
-                names=range(width + SPARE),
-                index_col=False,
-                dtype="str",
-                na_filter=False,
-                skip_blank_lines=False,
-            )
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, strict=True)
+            for row in reader:
+                rows.append(row)
+                line = reader.line_num + 1
     except FileNotFoundError:
         raise InputError(f"{path}: {missing}") from None
     except OSError as error:
         raise InputError(f"{path} can't be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected comma-separated values ({error})") from None
-    except (csv.Error, pandas.errors.ParserError) as error:
-        raise InputError(f"{path}{_broken_line(path)}: expected comma-separated values ({error})") from None
-
-
-def _broken_line(path: Path) -> str:
-    """Return ", line 3" if a row that begins there can't be parsed, and "" if all rows can."""
-    with open(path, encoding="utf-8", newline="") as file:
-        rows, line = csv.reader(file, strict=True), 1
-        try:
-            for _ in rows:
-                line = rows.line_num + 1
-        except csv.Error:
-            return f", line {line}"
-    return ""
+    except csv.Error as error:
+        raise InputError(f"{path}, line {line}: expected comma-separated values ({error})") from None
+    return rows
 
 
 def _check(path: Path, line: int, column: Column, text: str) -> None:

@@ -83,7 +83,7 @@ def _likely_column(name: str, cells: list[str]) -> Column:
         (HEADER + "a,mm,1,,\nb,mm,1,\n", "line 3: expected 5 cells, got 4"),
         (HEADER + "a,mm,1,,,\n", "line 2: expected 5 cells, got 6"),
         (HEADER + "a,mm,1,,\nb,mm,1,,,,,,\n", "line 3: expected 5 cells, got 9"),
-        (HEADER + "a,mm,1,,\nb" + "," * 99 + "\n", "expected comma-separated values .* line 3, saw 100"),
+        (HEADER + "a,mm,1,,\nb" + "," * 99 + "\n", "line 3: expected 5 cells, got 100"),
         (HEADER + "a,mm,1,,\n\nb,mm,1,,\n", "line 3: expected 5 cells, got 0"),
         (HEADER + ",mm,1,,\n", "line 2: name: expected text, got ''"),
         (HEADER + "a,cm,1,,\n", "line 2: unit: expected mm or deg, got 'cm'"),
