@@ -187,7 +187,7 @@ def join(
         which = "; ".join(f"{listed(names)} ({meshes})" for meshes, names in of_meshes.items())
         remarks += (f"shapes with one name on several meshes, now one control each: {which}",)
     if differ:
-        remarks += (f"of these, moved differently on each mesh, so as the first one moves: {listed(differ)}",)
+        remarks += (f"of these, animated differently on several meshes, so as on the first: {listed(differ)}",)
     return joined, columns, clips, remarks
 
 
@@ -210,9 +210,10 @@ def without_effect(rig: SampledRig) -> list[int]:
         params[columns] = goal[columns]
         if np.abs(posed(params) - at_base).max() <= least:  # False for NaN
             return []
-        half = len(columns) // 2
-        halves = (columns[:half], columns[half:]) if half else ()
-        return [i for part in halves for i in moving(base, at_base, goal, part)] if half else columns
+        if len(columns) == 1:
+            return columns
+        halves = columns[: len(columns) // 2], columns[len(columns) // 2 :]
+        return [i for half in halves for i in moving(base, at_base, goal, half)]
 
     share = generator.uniform(0.5, 1.0, len(default))
     tries = [(default, default + share * (end - default)) for end in (upper, lower)]
@@ -233,6 +234,7 @@ def without_idle(rig: SampledRig) -> SampledRig:
 
     Raises Refusal if no control has an effect.
     """
+    say(f"trying what each of {len(rig.controls)} controls moves")
     idle = without_effect(rig)
     if not idle:
         return rig
@@ -497,7 +499,7 @@ AXES = "xyz"
 REACH = {"rotation": 15.0, "scale": 0.1}  # of channels without limits, about the default; location: see `bone_controls`
 SUBDIVIDE = ("SUBSURF", "MULTIRES")
 PARTS = {"QUATERNION": 4, "AXIS_ANGLE": 4}  # of a rotation; Euler angles have three
-CUT = range(60, 64)  # bytes of a name that Blender may have cut, so as not to have more of them, between letters
+CUT = range(60, 64)  # bytes of a name that Blender may have cut: it keeps whole letters, of up to four bytes
 
 
 class Channel(NamedTuple):
@@ -753,8 +755,11 @@ def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[C
     armatures, found = pick_armatures(options, meshes), []
     for armature in armatures:
         found += bone_controls(armature, options, not any_named)
-    mesh_of = {mesh.data.shape_keys: mesh.name for mesh in reversed(meshes) if mesh.data.shape_keys}
-    for keys in reversed(mesh_of):
+    mesh_of = {}
+    for mesh in meshes:
+        if mesh.data.shape_keys:
+            mesh_of.setdefault(mesh.data.shape_keys, mesh.name)
+    for keys in mesh_of:
         found += key_controls(keys, options, not any_named)
     for block in dict.fromkeys((*armatures, *meshes)):
         found += property_controls(block, options, not any_named)
@@ -764,8 +769,8 @@ def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[C
     controls, columns, clips, remarks = join(controls, shapes, clips)
     cut = [c.name for i, c in enumerate(controls) if (columns == i).sum() > 1 and len(c.name.encode()) in CUT]
     if cut:
-        reason = f"Blender cuts names after {CUT[-1]} bytes, so what was joined may have had different ones"
-        remarks += (f"{reason}, which want shortening in the file: {listed(cut)}",)
+        reason = f"Blender cuts names after {CUT[-1]} bytes, so several may have become one here"
+        remarks += (f"{reason}; shorten them in the file to keep them apart: {listed(cut)}",)
     keyed = set(columns[sorted(keyed)].tolist())
     if not any_named and not keyed:
         raise Refusal("no action moves anything, so say what the controls are: --bones, --collections, --shape-keys …")

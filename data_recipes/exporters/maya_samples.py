@@ -1,6 +1,6 @@
 """Write a rig of a Maya scene as a folder of samples: a mesh, its controls, and poses with their vertices (§3.5).
 
-This one file needs Maya's Python (2022 or newer) with numpy (`mayapy -m pip install numpy`). UNTRIED: it was written
+This one file needs Maya's Python (2023 or newer) with numpy (`mayapy -m pip install numpy`). UNTRIED: it was written
 from Maya's reference without a Maya to run it in. The part that it shares with `blender_samples.py` is tested.
 
     mayapy maya_samples.py face.mb --mesh head --controls "*_ctrl" --out myface
@@ -189,7 +189,7 @@ def join(
         which = "; ".join(f"{listed(names)} ({meshes})" for meshes, names in of_meshes.items())
         remarks += (f"shapes with one name on several meshes, now one control each: {which}",)
     if differ:
-        remarks += (f"of these, moved differently on each mesh, so as the first one moves: {listed(differ)}",)
+        remarks += (f"of these, animated differently on several meshes, so as on the first: {listed(differ)}",)
     return joined, columns, clips, remarks
 
 
@@ -212,9 +212,10 @@ def without_effect(rig: SampledRig) -> list[int]:
         params[columns] = goal[columns]
         if np.abs(posed(params) - at_base).max() <= least:  # False for NaN
             return []
-        half = len(columns) // 2
-        halves = (columns[:half], columns[half:]) if half else ()
-        return [i for part in halves for i in moving(base, at_base, goal, part)] if half else columns
+        if len(columns) == 1:
+            return columns
+        halves = columns[: len(columns) // 2], columns[len(columns) // 2 :]
+        return [i for half in halves for i in moving(base, at_base, goal, half)]
 
     share = generator.uniform(0.5, 1.0, len(default))
     tries = [(default, default + share * (end - default)) for end in (upper, lower)]
@@ -235,6 +236,7 @@ def without_idle(rig: SampledRig) -> SampledRig:
 
     Raises Refusal if no control has an effect.
     """
+    say(f"trying what each of {len(rig.controls)} controls moves")
     idle = without_effect(rig)
     if not idle:
         return rig
