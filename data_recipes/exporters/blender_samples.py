@@ -7,8 +7,9 @@ This one file needs Blender (4.2 or newer) or the `bpy` package, and numpy; copy
 
 Controls are channels of pose bones, values of shape keys, and custom properties with limits. Choose them by patterns
 with --bones, --collections, --shape-keys and --properties; without any of these they are all that some action moves.
+Shape keys with the same name on several meshes are one control; a control that moves no vertex is left out.
 Actions are clips: all their frames are written, then poses drawn from them by Eq. 5. Without actions, poses are drawn
-uniformly within limits. A second call goes on where the first one stopped.
+in which few controls move at a time, within limits. A second call goes on where the first one stopped.
 """
 
 from __future__ import annotations
@@ -31,6 +32,11 @@ import numpy as np
 # ---- The same text in every exporter, from here to the next such line: poses are drawn, and a folder is written. ----
 SHARD = 250  # poses in a file
 LOW, HIGH = 0.25, 3.0  # Eq. 5
+GESTURES = (0.35, 0.3, 0.2, 0.1, 0.05)  # without animation: how often a pose has one, two, … of them
+TOGETHER = 0.7  # how often both sides of a pair move alike
+LONGEST = 200  # bytes of a control's name
+STILL = 1e-6  # of the mesh's size: a control that moves no vertex farther has no effect
+TRIES = 8  # poses in which controls without effect at rest are tried again
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 REGIONS = {  # beginnings of words in a control's name → its region; the first that fits is taken
     "brow|eyebrow|forehead": "brows",
@@ -43,6 +49,21 @@ REGIONS = {  # beginnings of words in a control's name → its region; the first
     "ears?(?![a-z])": "ears",
     "neck|head": "neck",
 }
+SIDE = re.compile(r"(?i:(?<![a-z])(left|right|l|r)(?![a-z]))|(Left|Right)|(?<=[a-z])([LR])$")
+MIDDLE = ("jaw", "mouth", "tongue", "head", "neck", "chin", "nose")  # of which left is a direction and no side
+OPPOSITES = (
+    ("up", "down"),
+    ("in", "out"),
+    ("left", "right"),
+    ("open", "close"),
+    ("wide", "blink"),
+    ("wide", "squint"),
+    ("smile", "frown"),
+    ("upper", "lower"),
+    ("raise", "lower"),
+    ("pucker", "stretch"),
+    ("puff", "suck"),
+)
 
 
 class Refusal(Exception):
@@ -67,6 +88,7 @@ class SampledRig(NamedTuple):
     clips: name → (numbers of the frames, parameters (t, m)).
     evaluate: parameters (m,) → vertices (n, 3).
     unit, up: of the vertices.
+    remarks: sentences on what was joined, renamed or left out, for the end.
     """
 
     neutral: np.ndarray
@@ -78,6 +100,7 @@ class SampledRig(NamedTuple):
     unit: str
     up: str
     frames_per_second: float
+    remarks: tuple[str, ...] = ()
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -101,20 +124,188 @@ def region(name: str) -> str:
 
 
 def names_of_controls(names: Sequence[str]) -> list[str]:
-    """Return different names of at most 63 printable bytes without commas and quotes, for a CSV table."""
+    """Return different names of at most LONGEST printable bytes without commas and quotes, for a CSV table."""
     taken: list[str] = []
     for name in names:
         clean = "".join(c if c.isprintable() and c not in ',"' else "_" for c in name).strip() or "control"
-        k, chosen = 1, clean.encode()[:63].decode(errors="ignore")
+        k, chosen = 1, clean.encode()[:LONGEST].decode(errors="ignore")
         while chosen in taken:
             k += 1
-            chosen = clean.encode()[: 62 - len(str(k))].decode(errors="ignore") + f"~{k}"
+            chosen = clean.encode()[: LONGEST - 1 - len(str(k))].decode(errors="ignore") + f"~{k}"
         taken.append(chosen)
     return taken
 
 
+def renamed(controls: Sequence[Control]) -> tuple[list[Control], tuple[str, ...]]:
+    """Return the controls with names for a CSV table, and a remark if that isn't what they are called."""
+    names = names_of_controls([control.name for control in controls])
+    changed = [f"'{c.name}' to '{name}'" for c, name in zip(controls, names) if name != c.name]  # noqa: B905
+    reason = f"names occur once, have at most {LONGEST} bytes, no commas and no quotes"
+    remarks = (f"controls renamed, since in controls.csv {reason}: {listed(changed)}",) if changed else ()
+    return [c._replace(name=name) for c, name in zip(controls, names)], remarks  # noqa: B905
+
+
+def listed(names: Sequence[str], most: int = 30) -> str:
+    """Return names as a list in a sentence, the number of those beyond the first ones instead of their names."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most:,} more" if len(names) > most else "")
+
+
+def join(
+    controls: Sequence[Control],
+    shapes: Sequence[tuple[str, str] | None],
+    clips: dict[str, tuple[np.ndarray, np.ndarray]],
+) -> tuple[list[Control], np.ndarray, dict[str, tuple[np.ndarray, np.ndarray]], tuple[str, ...]]:
+    """Return one control for shapes that have one name on several meshes: controls, columns, clips and remarks.
+
+    A joined control goes as far as any of its shapes. In a clip it moves as the first of them that moves there.
+    Columns are those of the new controls, for each former one.
+
+    shapes: for each control the name and the mesh of the shape whose weight it is, or None.
+    """
+    groups: dict[object, list[int]] = {}
+    for i, shape in enumerate(shapes):
+        groups.setdefault(shape[0] if shape else i, []).append(i)
+    columns = np.zeros(len(controls), int)
+    joined, differ, of_meshes = [], [], {}
+    moved = {name: np.zeros((len(values), len(groups))) for name, (_, values) in clips.items()}
+    for column, (name, group) in enumerate(groups.items()):
+        columns[group] = column
+        parts = [controls[i] for i in group]
+        default = min((part.default for part in parts), key=abs)
+        limits = min(part.lower for part in parts), default, max(part.upper for part in parts)
+        joined.append(parts[0] if len(group) == 1 else Control(name, *limits))
+        if len(group) > 1:
+            of_meshes.setdefault(", ".join(shapes[i][1] for i in group), []).append(name)
+        for clip, (_, values) in clips.items():
+            moving = [i for i in group if np.abs(values[:, i] - controls[i].default).max() > 1e-6]
+            moved[clip][:, column] = values[:, (moving or group)[0]]
+            if any(np.abs(values[:, i] - values[:, moving[0]]).max() > 1e-3 for i in moving[1:]):
+                differ.append(f"{name} in {clip}")
+    clips = {name: (frame_numbers, moved[name]) for name, (frame_numbers, _) in clips.items()}
+    remarks = ()
+    if of_meshes:
+        which = "; ".join(f"{listed(names)} ({meshes})" for meshes, names in of_meshes.items())
+        remarks += (f"shapes with one name on several meshes, now one control each: {which}",)
+    if differ:
+        remarks += (f"of these, animated differently on several meshes, so as on the first: {listed(differ)}",)
+    return joined, columns, clips, remarks
+
+
+def without_effect(rig: SampledRig) -> list[int]:
+    """Return the columns of the controls that move no vertex between their limits.
+
+    They are tried from rest, and again from poses in which all controls are anywhere, for some act only with others.
+    Many are tried at once, by amounts of their own so that opposites don't cancel, and halved while something moves.
+    """
+    lower, default, upper = (np.array([c[i] for c in rig.controls]) for i in (1, 2, 3))
+    whole = np.array([c.whole for c in rig.controls])
+    least = STILL * np.ptp(rig.neutral, axis=0).max()
+    generator = np.random.default_rng(0)
+
+    def posed(params: np.ndarray) -> np.ndarray:
+        return rig.evaluate(np.where(whole, np.round(params), params).astype(np.float32))
+
+    def moving(base: np.ndarray, at_base: np.ndarray, goal: np.ndarray, columns: list[int]) -> list[int]:
+        params = base.copy()
+        params[columns] = goal[columns]
+        if np.abs(posed(params) - at_base).max() <= least:  # False for NaN
+            return []
+        if len(columns) == 1:
+            return columns
+        halves = columns[: len(columns) // 2], columns[len(columns) // 2 :]
+        return [i for half in halves for i in moving(base, at_base, goal, half)]
+
+    share = generator.uniform(0.5, 1.0, len(default))
+    tries = [(default, default + share * (end - default)) for end in (upper, lower)]
+    tries += [(default, upper), (default, lower)]
+    for _ in range(TRIES):
+        anywhere, elsewhere = generator.uniform(lower, upper), generator.uniform(lower, upper)
+        tries += [(anywhere, default), (anywhere, elsewhere)]
+    still = list(range(len(default)))
+    for base, goal in tries:
+        if still:
+            found = set(moving(base, posed(base), goal, still))
+            still = [i for i in still if i not in found]
+    return still
+
+
+def without_idle(rig: SampledRig) -> SampledRig:
+    """Return the rig without controls that have no effect, and without clips that move only these.
+
+    Raises Refusal if no control has an effect.
+    """
+    say(f"trying what each of {len(rig.controls)} controls moves")
+    idle = without_effect(rig)
+    if not idle:
+        return rig
+    kept = np.delete(np.arange(len(rig.controls)), idle)
+    names = listed([rig.controls[i].name for i in idle])
+    if not len(kept):
+        raise Refusal(f"no control is left: no vertex of the meshes moves by {names}")
+    default = np.array([c.default for c in rig.controls])
+
+    def evaluate(params: np.ndarray) -> np.ndarray:
+        every = default.astype(np.float32)
+        every[kept] = params
+        return rig.evaluate(every)
+
+    away = {name: np.abs(values - default).max(axis=0) > 1e-6 for name, (_, values) in rig.clips.items()}
+    lost = [name for name, moves in away.items() if moves.any() and not moves[kept].any()]
+    clips = {name: (numbers, v[:, kept]) for name, (numbers, v) in rig.clips.items() if name not in lost}
+    remark = f"controls left out, since they move no vertex of the meshes between their limits: {names}"
+    remark += f"; clips left out, since they move only these: {listed(lost)}" if lost else ""
+    controls = [rig.controls[i] for i in kept]
+    return rig._replace(controls=controls, clips=clips, evaluate=evaluate, remarks=(*rig.remarks, remark))
+
+
+def mirrored_pairs(names: Sequence[str]) -> list[list[int]]:
+    """Return the controls by their places, left and right of a pair together, in the order of their first."""
+    groups: dict[str, list[int]] = {}
+    for place, name in enumerate(names):
+        side = (None, *SIDE.finditer(name))[-1]
+        if side:
+            before, after = name[: side.start()], name[side.end() :]
+            if re.sub("[^a-z]", "", re.split("[.|:]", before.rstrip(".|:"))[-1].lower()) not in MIDDLE or after:
+                name = f"{before}*{after}"
+        groups.setdefault(name, []).append(place)
+    return list(groups.values())
+
+
+def opposite(first: str, second: str) -> bool:
+    """Tell whether two names differ by one word and its opposite, such as jawLeft and jawRight, or up and down."""
+    a, b = (re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name) for name in (first, second))
+    different = [{x.lower(), y.lower()} for x, y in zip(a, b) if x.lower() != y.lower()]  # noqa: B905
+    return len(a) == len(b) and len(different) == 1 and any(different[0] == set(pair) for pair in OPPOSITES)
+
+
+def sparse_pose(controls: Sequence[Control], generator: np.random.Generator) -> np.ndarray:
+    """Return a pose of few gestures, each a control or a pair of them, between their defaults and their limits."""
+    values = np.array([control.default for control in controls], dtype=float)
+    pairs = mirrored_pairs([control.name for control in controls])
+    count = 1 + int(generator.choice(len(GESTURES), p=GESTURES))
+    chosen: list[int] = []
+    for group in generator.permutation(len(pairs)):
+        members = pairs[group]
+        if len(members) > 1 and generator.random() > TOGETHER:
+            members = [members[int(generator.integers(len(members)))]]
+        if any(opposite(controls[a].name, controls[b].name) for a in members for b in chosen):
+            continue
+        amount = generator.beta(2.0, 1.3)
+        up = generator.random() < 0.5
+        for k in members:
+            c = controls[k]
+            goes_up = c.upper > c.default and (up or c.lower >= c.default)
+            limit = c.upper if goes_up else c.lower
+            values[k] = c.default + amount * generator.uniform(0.85, 1.0) * (limit - c.default)
+        chosen += members
+        count -= 1
+        if not count:
+            break
+    return values
+
+
 def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index: int) -> tuple[np.ndarray, int]:
-    """Return the parameters of a drawn pose and its frame of origin (Eq. 5), or a uniform pose and -1 without frames.
+    """Return the parameters of a drawn pose and its frame of origin (Eq. 5), or a sparse pose and -1 without frames.
 
     frames: (a, m). A frame's distances from the defaults are multiplied by random factors; limits hold where controls
     have them. A seed and an index always give the same pose, whatever was drawn before.
@@ -127,7 +318,7 @@ def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index:
         limited = np.array([c.limited for c in controls])
         params = np.where(limited, np.clip(params, lower, upper), params)
     else:
-        source, params = -1, generator.uniform(lower, upper)
+        source, params = -1, sparse_pose(controls, generator)
     return np.where([c.whole for c in controls], np.round(params), params).astype(np.float32), source
 
 
@@ -193,8 +384,12 @@ def controls_text(controls: Sequence[Control]) -> str:
     return "\n".join(["name,lower,default,upper,region", *rows]) + "\n"
 
 
-def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int, int]:
-    """Return the share of the work, (i, k), that --share names. Raises Refusal for options or a rig that don't fit."""
+def check(rig: SampledRig, options: argparse.Namespace) -> tuple[str, tuple[int, int]]:
+    """Return the character's name, and the share of the work, (i, k), that --share names.
+
+    Raises Refusal for options or a rig that don't fit.
+    """
+    name = options.name or Path(options.out).resolve().name
     share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", options.share)
     if not share or int(share[1]) > int(share[2]):
         raise Refusal(f"--share: expected a part such as 1/2 or 2/2, got {options.share}")
@@ -213,7 +408,7 @@ def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int,
         )
     if options.points and not Path(options.points).is_file():
         raise Refusal(f"--points: there is no file {options.points}")
-    return int(share[1]), int(share[2])
+    return name, (int(share[1]), int(share[2]))
 
 
 def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str) -> None:
@@ -222,6 +417,7 @@ def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str)
     texts = {"mesh": repr(rig.faces), "controls": controls_text(rig.controls), "clips": repr(list(rig.clips))}
     record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
     record |= {"frames": hashlib.sha256(frames).hexdigest(), "seed": options.seed, "poses in a file": SHARD}
+    record |= {} if rig.clips else {"draws": "few controls at a time"}
     mark = folder / ".export.json"
     foreign = folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir())
     if mark.exists():  # looked for after other files, for another process that begins now writes the mark first
@@ -252,8 +448,7 @@ def check_unchanged(rig: SampledRig, shards: Sequence[Path]) -> None:
 def export(rig: SampledRig, options: argparse.Namespace) -> None:
     """Write the folder, file by file, or go on where an earlier call stopped. Raises Refusal."""
     folder = Path(options.out)
-    name = options.name or folder.resolve().name
-    share = check(rig, options, name)
+    name, share = check(rig, options)
     begin(rig, folder, options, name)
     frames = np.concatenate([np.zeros((0, len(rig.controls)))] + [values for _, values in rig.clips.values()])
     origin = [(clip, int(number)) for clip, (frame_numbers, _) in rig.clips.items() for number in frame_numbers]
@@ -287,6 +482,8 @@ def export(rig: SampledRig, options: argparse.Namespace) -> None:
         done += end - start
         rate = done / (time.monotonic() - started)
         say(f"{done:,} of {total:,} poses, {rate:.3g} a second, {(total - done) / rate / 60:.1f} minutes left")
+    for remark in rig.remarks:
+        say(remark)
     say(f"{folder} has all of its poses" if not total else f"written to {folder}")
 
 
@@ -302,6 +499,7 @@ AXES = "xyz"
 REACH = {"rotation": 15.0, "scale": 0.1}  # of channels without limits, about the default; location: see `bone_controls`
 SUBDIVIDE = ("SUBSURF", "MULTIRES")
 PARTS = {"QUATERNION": 4, "AXIS_ANGLE": 4}  # of a rotation; Euler angles have three
+CUT = range(60, 64)  # bytes of a name that Blender may have cut: it keeps whole letters, of up to four bytes
 
 
 class Channel(NamedTuple):
@@ -527,27 +725,64 @@ def read_clips(
     return clips, keyed
 
 
-def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[Control], list[Channel], dict]:
-    """Return the controls, their channels, and the clips. Raises Refusal if no option and no action names a control."""
+def without_repeats(
+    clips: dict[str, tuple[np.ndarray, np.ndarray]], default: np.ndarray
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], tuple[str, ...]]:
+    """Return the clips without those that move nothing but what another one moves alike, and a remark on them.
+
+    Such is the action of the teeth's shape keys, where another has those of the whole face in the same frames.
+    """
+    kept = dict(clips)
+    for name, (numbers, values) in clips.items():
+        moves = np.abs(values - default).max(axis=0) > 1e-6
+        for other, (others, of_other) in kept.items():
+            at = numbers - others[0]
+            if other != name and moves.any() and at[0] >= 0 and at[-1] < len(others):
+                if np.abs(of_other[at][:, moves] - values[:, moves]).max() <= 1e-6:
+                    del kept[name]
+                    break
+    repeats = [name for name in clips if name not in kept]
+    remarks = (f"clips left out, since all that they move is in another one: {listed(repeats)}",) if repeats else ()
+    return kept, remarks
+
+
+def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[Control], list, np.ndarray, dict, tuple]:
+    """Return the controls, all channels, the column of the control that sets each, the clips, and remarks.
+
+    Raises Refusal if no option and no action names a control.
+    """
     any_named = any((options.bones, options.collections, options.shape_keys, options.properties))
     armatures, found = pick_armatures(options, meshes), []
     for armature in armatures:
         found += bone_controls(armature, options, not any_named)
-    for keys in dict.fromkeys(mesh.data.shape_keys for mesh in meshes if mesh.data.shape_keys):
+    mesh_of = {}
+    for mesh in meshes:
+        if mesh.data.shape_keys:
+            mesh_of.setdefault(mesh.data.shape_keys, mesh.name)
+    for keys in mesh_of:
         found += key_controls(keys, options, not any_named)
     for block in dict.fromkeys((*armatures, *meshes)):
         found += property_controls(block, options, not any_named)
     controls, channels = [list(column) for column in zip(*found)] or ([], [])  # noqa: B905
     clips, keyed = read_clips(controls, channels, options)
+    shapes = [(c.item, mesh_of[c.block]) if c.kind == "key" else None for c in channels]
+    controls, columns, clips, remarks = join(controls, shapes, clips)
+    cut = [c.name for i, c in enumerate(controls) if (columns == i).sum() > 1 and len(c.name.encode()) in CUT]
+    if cut:
+        reason = f"Blender cuts names after {CUT[-1]} bytes, so several may have become one here"
+        remarks += (f"{reason}; shorten them in the file to keep them apart: {listed(cut)}",)
+    keyed = set(columns[sorted(keyed)].tolist())
     if not any_named and not keyed:
         raise Refusal("no action moves anything, so say what the controls are: --bones, --collections, --shape-keys …")
     if keyed and (options.keyed or not any_named):
         kept = sorted(keyed)
-        controls, channels = ([column[i] for i in kept] for column in (controls, channels))
+        controls = [controls[i] for i in kept]
+        channels = [channel for channel, column in zip(channels, columns) if column in keyed]  # noqa: B905
+        columns = np.searchsorted(kept, [column for column in columns if column in keyed])
         clips = {name: (frame_numbers, values[:, kept]) for name, (frame_numbers, values) in clips.items()}
-    names = names_of_controls([control.name for control in controls])
-    controls = [control._replace(name=name) for control, name in zip(controls, names)]  # noqa: B905
-    return [in_use(control, i, clips) for i, control in enumerate(controls)], channels, clips
+    clips, repeats = without_repeats(clips, np.array([control.default for control in controls]))
+    controls, new_names = renamed([in_use(control, i, clips) for i, control in enumerate(controls)])
+    return controls, channels, columns, clips, (*remarks, *repeats, *new_names)
 
 
 def in_use(control: Control, i: int, clips: dict) -> Control:
@@ -561,13 +796,16 @@ def in_use(control: Control, i: int, clips: dict) -> Control:
 class Scene:
     """The meshes of a scene, posed by values of channels."""
 
-    def __init__(self, meshes: Sequence, channels: Sequence[Channel]):
-        """Take the scene over: the controls' data blocks no longer play their animation."""
+    def __init__(self, meshes: Sequence, channels: Sequence[Channel], columns: np.ndarray):
+        """Take the scene over: the controls' data blocks no longer play their animation.
+
+        columns: of the control that sets each channel.
+        """
         import bpy
 
-        self.meshes, self.channels = meshes, channels
-        self.turning = {}  # a bone's path → (bone, axis → column of the channel that turns it about this axis)
-        for column, channel in enumerate(channels):
+        self.meshes, self.channels, self.columns = meshes, channels, columns
+        self.turning = {}  # a bone's path → (bone, axis → column of the control that turns it about this axis)
+        for column, channel in zip(columns.tolist(), channels):  # noqa: B905
             if channel.kind == "rotation":
                 self.turning.setdefault(channel.owner.path_from_id(), (channel.owner, {}))[1][channel.item] = column
             data = channel.block.animation_data
@@ -581,7 +819,7 @@ class Scene:
         """Return the vertices (n, 3) of a pose, in the axes of the scene."""
         import bpy
 
-        for channel, value in zip(self.channels, params.tolist()):  # noqa: B905
+        for channel, value in zip(self.channels, params[self.columns].tolist()):  # noqa: B905
             if channel.kind in ("location", "scale"):
                 getattr(channel.owner, channel.kind)[channel.item] = value
             elif channel.kind == "key":
@@ -658,15 +896,16 @@ def read_rig(options: argparse.Namespace) -> SampledRig:
         bpy.ops.object.mode_set(mode="OBJECT")
     meshes = pick_meshes(options)
     faces, uvs = read_faces(meshes)
-    controls, channels, clips = find_controls(meshes, options)
+    controls, channels, columns, clips, remarks = find_controls(meshes, options)
     scale = bpy.context.scene.unit_settings.scale_length
     unit = options.unit or next((unit for unit, mm in UNITS_MM.items() if abs(mm / 1000 / scale - 1) < 1e-4), None)
     if unit is None:
         raise Refusal(f"a unit of this scene is {scale:g} m: give the unit to use by --unit")
-    evaluate = Scene(meshes, channels)
+    evaluate = Scene(meshes, channels, columns)
     neutral = evaluate(np.array([control.default for control in controls]))
     render = bpy.context.scene.render
-    return SampledRig(neutral, faces, uvs, controls, clips, evaluate, unit, "z", render.fps / render.fps_base)
+    per_second = render.fps / render.fps_base
+    return SampledRig(neutral, faces, uvs, controls, clips, evaluate, unit, "z", per_second, remarks)
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -705,7 +944,9 @@ def main() -> int:
             if not Path(options.file).is_file():
                 raise Refusal(f"there is no file {options.file}")
             bpy.ops.wm.open_mainfile(filepath=str(Path(options.file).resolve()))
-        export(read_rig(options), options)
+        rig = read_rig(options)
+        check(rig, options)
+        export(without_idle(rig), options)
     except (Refusal, OSError, RuntimeError) as error:
         say(f"error: {str(error).strip()}")
         return 2

@@ -1,6 +1,6 @@
 """Write a rig of a Maya scene as a folder of samples: a mesh, its controls, and poses with their vertices (§3.5).
 
-This one file needs Maya's Python (2022 or newer) with numpy (`mayapy -m pip install numpy`). UNTRIED: it was written
+This one file needs Maya's Python (2023 or newer) with numpy (`mayapy -m pip install numpy`). UNTRIED: it was written
 from Maya's reference without a Maya to run it in. The part that it shares with `blender_samples.py` is tested.
 
     mayapy maya_samples.py face.mb --mesh head --controls "*_ctrl" --out myface
@@ -10,9 +10,10 @@ or in the script editor, on the open scene, which loses its animation by it (sav
     import maya_samples; maya_samples.main(["--mesh", "head", "--controls", "*_ctrl", "--out", "myface"])
 
 Controls are the keyable attributes, neither locked nor driven, of the nodes that --controls names, blendShape nodes
-included. The animation is the timeline, or the parts of it that --clip names: all frames are written, then poses drawn
-from them by Eq. 5. If no control has keys, poses are drawn uniformly within limits, which all controls must have then.
-A second call goes on where the first one stopped.
+included. Weights with the same name in several blendShape nodes are one control; one that moves no vertex is left out.
+The animation is the timeline, or the parts of it that --clip names: all frames are written, then poses drawn from them
+by Eq. 5. If no control has keys, poses are drawn in which few controls move at a time, within limits, which all
+controls must have then. A second call goes on where the first one stopped.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ import numpy as np
 # ---- The same text in every exporter, from here to the next such line: poses are drawn, and a folder is written. ----
 SHARD = 250  # poses in a file
 LOW, HIGH = 0.25, 3.0  # Eq. 5
+GESTURES = (0.35, 0.3, 0.2, 0.1, 0.05)  # without animation: how often a pose has one, two, … of them
+TOGETHER = 0.7  # how often both sides of a pair move alike
+LONGEST = 200  # bytes of a control's name
+STILL = 1e-6  # of the mesh's size: a control that moves no vertex farther has no effect
+TRIES = 8  # poses in which controls without effect at rest are tried again
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 REGIONS = {  # beginnings of words in a control's name → its region; the first that fits is taken
     "brow|eyebrow|forehead": "brows",
@@ -45,6 +51,21 @@ REGIONS = {  # beginnings of words in a control's name → its region; the first
     "ears?(?![a-z])": "ears",
     "neck|head": "neck",
 }
+SIDE = re.compile(r"(?i:(?<![a-z])(left|right|l|r)(?![a-z]))|(Left|Right)|(?<=[a-z])([LR])$")
+MIDDLE = ("jaw", "mouth", "tongue", "head", "neck", "chin", "nose")  # of which left is a direction and no side
+OPPOSITES = (
+    ("up", "down"),
+    ("in", "out"),
+    ("left", "right"),
+    ("open", "close"),
+    ("wide", "blink"),
+    ("wide", "squint"),
+    ("smile", "frown"),
+    ("upper", "lower"),
+    ("raise", "lower"),
+    ("pucker", "stretch"),
+    ("puff", "suck"),
+)
 
 
 class Refusal(Exception):
@@ -69,6 +90,7 @@ class SampledRig(NamedTuple):
     clips: name → (numbers of the frames, parameters (t, m)).
     evaluate: parameters (m,) → vertices (n, 3).
     unit, up: of the vertices.
+    remarks: sentences on what was joined, renamed or left out, for the end.
     """
 
     neutral: np.ndarray
@@ -80,6 +102,7 @@ class SampledRig(NamedTuple):
     unit: str
     up: str
     frames_per_second: float
+    remarks: tuple[str, ...] = ()
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -103,20 +126,188 @@ def region(name: str) -> str:
 
 
 def names_of_controls(names: Sequence[str]) -> list[str]:
-    """Return different names of at most 63 printable bytes without commas and quotes, for a CSV table."""
+    """Return different names of at most LONGEST printable bytes without commas and quotes, for a CSV table."""
     taken: list[str] = []
     for name in names:
         clean = "".join(c if c.isprintable() and c not in ',"' else "_" for c in name).strip() or "control"
-        k, chosen = 1, clean.encode()[:63].decode(errors="ignore")
+        k, chosen = 1, clean.encode()[:LONGEST].decode(errors="ignore")
         while chosen in taken:
             k += 1
-            chosen = clean.encode()[: 62 - len(str(k))].decode(errors="ignore") + f"~{k}"
+            chosen = clean.encode()[: LONGEST - 1 - len(str(k))].decode(errors="ignore") + f"~{k}"
         taken.append(chosen)
     return taken
 
 
+def renamed(controls: Sequence[Control]) -> tuple[list[Control], tuple[str, ...]]:
+    """Return the controls with names for a CSV table, and a remark if that isn't what they are called."""
+    names = names_of_controls([control.name for control in controls])
+    changed = [f"'{c.name}' to '{name}'" for c, name in zip(controls, names) if name != c.name]  # noqa: B905
+    reason = f"names occur once, have at most {LONGEST} bytes, no commas and no quotes"
+    remarks = (f"controls renamed, since in controls.csv {reason}: {listed(changed)}",) if changed else ()
+    return [c._replace(name=name) for c, name in zip(controls, names)], remarks  # noqa: B905
+
+
+def listed(names: Sequence[str], most: int = 30) -> str:
+    """Return names as a list in a sentence, the number of those beyond the first ones instead of their names."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most:,} more" if len(names) > most else "")
+
+
+def join(
+    controls: Sequence[Control],
+    shapes: Sequence[tuple[str, str] | None],
+    clips: dict[str, tuple[np.ndarray, np.ndarray]],
+) -> tuple[list[Control], np.ndarray, dict[str, tuple[np.ndarray, np.ndarray]], tuple[str, ...]]:
+    """Return one control for shapes that have one name on several meshes: controls, columns, clips and remarks.
+
+    A joined control goes as far as any of its shapes. In a clip it moves as the first of them that moves there.
+    Columns are those of the new controls, for each former one.
+
+    shapes: for each control the name and the mesh of the shape whose weight it is, or None.
+    """
+    groups: dict[object, list[int]] = {}
+    for i, shape in enumerate(shapes):
+        groups.setdefault(shape[0] if shape else i, []).append(i)
+    columns = np.zeros(len(controls), int)
+    joined, differ, of_meshes = [], [], {}
+    moved = {name: np.zeros((len(values), len(groups))) for name, (_, values) in clips.items()}
+    for column, (name, group) in enumerate(groups.items()):
+        columns[group] = column
+        parts = [controls[i] for i in group]
+        default = min((part.default for part in parts), key=abs)
+        limits = min(part.lower for part in parts), default, max(part.upper for part in parts)
+        joined.append(parts[0] if len(group) == 1 else Control(name, *limits))
+        if len(group) > 1:
+            of_meshes.setdefault(", ".join(shapes[i][1] for i in group), []).append(name)
+        for clip, (_, values) in clips.items():
+            moving = [i for i in group if np.abs(values[:, i] - controls[i].default).max() > 1e-6]
+            moved[clip][:, column] = values[:, (moving or group)[0]]
+            if any(np.abs(values[:, i] - values[:, moving[0]]).max() > 1e-3 for i in moving[1:]):
+                differ.append(f"{name} in {clip}")
+    clips = {name: (frame_numbers, moved[name]) for name, (frame_numbers, _) in clips.items()}
+    remarks = ()
+    if of_meshes:
+        which = "; ".join(f"{listed(names)} ({meshes})" for meshes, names in of_meshes.items())
+        remarks += (f"shapes with one name on several meshes, now one control each: {which}",)
+    if differ:
+        remarks += (f"of these, animated differently on several meshes, so as on the first: {listed(differ)}",)
+    return joined, columns, clips, remarks
+
+
+def without_effect(rig: SampledRig) -> list[int]:
+    """Return the columns of the controls that move no vertex between their limits.
+
+    They are tried from rest, and again from poses in which all controls are anywhere, for some act only with others.
+    Many are tried at once, by amounts of their own so that opposites don't cancel, and halved while something moves.
+    """
+    lower, default, upper = (np.array([c[i] for c in rig.controls]) for i in (1, 2, 3))
+    whole = np.array([c.whole for c in rig.controls])
+    least = STILL * np.ptp(rig.neutral, axis=0).max()
+    generator = np.random.default_rng(0)
+
+    def posed(params: np.ndarray) -> np.ndarray:
+        return rig.evaluate(np.where(whole, np.round(params), params).astype(np.float32))
+
+    def moving(base: np.ndarray, at_base: np.ndarray, goal: np.ndarray, columns: list[int]) -> list[int]:
+        params = base.copy()
+        params[columns] = goal[columns]
+        if np.abs(posed(params) - at_base).max() <= least:  # False for NaN
+            return []
+        if len(columns) == 1:
+            return columns
+        halves = columns[: len(columns) // 2], columns[len(columns) // 2 :]
+        return [i for half in halves for i in moving(base, at_base, goal, half)]
+
+    share = generator.uniform(0.5, 1.0, len(default))
+    tries = [(default, default + share * (end - default)) for end in (upper, lower)]
+    tries += [(default, upper), (default, lower)]
+    for _ in range(TRIES):
+        anywhere, elsewhere = generator.uniform(lower, upper), generator.uniform(lower, upper)
+        tries += [(anywhere, default), (anywhere, elsewhere)]
+    still = list(range(len(default)))
+    for base, goal in tries:
+        if still:
+            found = set(moving(base, posed(base), goal, still))
+            still = [i for i in still if i not in found]
+    return still
+
+
+def without_idle(rig: SampledRig) -> SampledRig:
+    """Return the rig without controls that have no effect, and without clips that move only these.
+
+    Raises Refusal if no control has an effect.
+    """
+    say(f"trying what each of {len(rig.controls)} controls moves")
+    idle = without_effect(rig)
+    if not idle:
+        return rig
+    kept = np.delete(np.arange(len(rig.controls)), idle)
+    names = listed([rig.controls[i].name for i in idle])
+    if not len(kept):
+        raise Refusal(f"no control is left: no vertex of the meshes moves by {names}")
+    default = np.array([c.default for c in rig.controls])
+
+    def evaluate(params: np.ndarray) -> np.ndarray:
+        every = default.astype(np.float32)
+        every[kept] = params
+        return rig.evaluate(every)
+
+    away = {name: np.abs(values - default).max(axis=0) > 1e-6 for name, (_, values) in rig.clips.items()}
+    lost = [name for name, moves in away.items() if moves.any() and not moves[kept].any()]
+    clips = {name: (numbers, v[:, kept]) for name, (numbers, v) in rig.clips.items() if name not in lost}
+    remark = f"controls left out, since they move no vertex of the meshes between their limits: {names}"
+    remark += f"; clips left out, since they move only these: {listed(lost)}" if lost else ""
+    controls = [rig.controls[i] for i in kept]
+    return rig._replace(controls=controls, clips=clips, evaluate=evaluate, remarks=(*rig.remarks, remark))
+
+
+def mirrored_pairs(names: Sequence[str]) -> list[list[int]]:
+    """Return the controls by their places, left and right of a pair together, in the order of their first."""
+    groups: dict[str, list[int]] = {}
+    for place, name in enumerate(names):
+        side = (None, *SIDE.finditer(name))[-1]
+        if side:
+            before, after = name[: side.start()], name[side.end() :]
+            if re.sub("[^a-z]", "", re.split("[.|:]", before.rstrip(".|:"))[-1].lower()) not in MIDDLE or after:
+                name = f"{before}*{after}"
+        groups.setdefault(name, []).append(place)
+    return list(groups.values())
+
+
+def opposite(first: str, second: str) -> bool:
+    """Tell whether two names differ by one word and its opposite, such as jawLeft and jawRight, or up and down."""
+    a, b = (re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name) for name in (first, second))
+    different = [{x.lower(), y.lower()} for x, y in zip(a, b) if x.lower() != y.lower()]  # noqa: B905
+    return len(a) == len(b) and len(different) == 1 and any(different[0] == set(pair) for pair in OPPOSITES)
+
+
+def sparse_pose(controls: Sequence[Control], generator: np.random.Generator) -> np.ndarray:
+    """Return a pose of few gestures, each a control or a pair of them, between their defaults and their limits."""
+    values = np.array([control.default for control in controls], dtype=float)
+    pairs = mirrored_pairs([control.name for control in controls])
+    count = 1 + int(generator.choice(len(GESTURES), p=GESTURES))
+    chosen: list[int] = []
+    for group in generator.permutation(len(pairs)):
+        members = pairs[group]
+        if len(members) > 1 and generator.random() > TOGETHER:
+            members = [members[int(generator.integers(len(members)))]]
+        if any(opposite(controls[a].name, controls[b].name) for a in members for b in chosen):
+            continue
+        amount = generator.beta(2.0, 1.3)
+        up = generator.random() < 0.5
+        for k in members:
+            c = controls[k]
+            goes_up = c.upper > c.default and (up or c.lower >= c.default)
+            limit = c.upper if goes_up else c.lower
+            values[k] = c.default + amount * generator.uniform(0.85, 1.0) * (limit - c.default)
+        chosen += members
+        count -= 1
+        if not count:
+            break
+    return values
+
+
 def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index: int) -> tuple[np.ndarray, int]:
-    """Return the parameters of a drawn pose and its frame of origin (Eq. 5), or a uniform pose and -1 without frames.
+    """Return the parameters of a drawn pose and its frame of origin (Eq. 5), or a sparse pose and -1 without frames.
 
     frames: (a, m). A frame's distances from the defaults are multiplied by random factors; limits hold where controls
     have them. A seed and an index always give the same pose, whatever was drawn before.
@@ -129,7 +320,7 @@ def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index:
         limited = np.array([c.limited for c in controls])
         params = np.where(limited, np.clip(params, lower, upper), params)
     else:
-        source, params = -1, generator.uniform(lower, upper)
+        source, params = -1, sparse_pose(controls, generator)
     return np.where([c.whole for c in controls], np.round(params), params).astype(np.float32), source
 
 
@@ -195,8 +386,12 @@ def controls_text(controls: Sequence[Control]) -> str:
     return "\n".join(["name,lower,default,upper,region", *rows]) + "\n"
 
 
-def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int, int]:
-    """Return the share of the work, (i, k), that --share names. Raises Refusal for options or a rig that don't fit."""
+def check(rig: SampledRig, options: argparse.Namespace) -> tuple[str, tuple[int, int]]:
+    """Return the character's name, and the share of the work, (i, k), that --share names.
+
+    Raises Refusal for options or a rig that don't fit.
+    """
+    name = options.name or Path(options.out).resolve().name
     share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", options.share)
     if not share or int(share[1]) > int(share[2]):
         raise Refusal(f"--share: expected a part such as 1/2 or 2/2, got {options.share}")
@@ -215,7 +410,7 @@ def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int,
         )
     if options.points and not Path(options.points).is_file():
         raise Refusal(f"--points: there is no file {options.points}")
-    return int(share[1]), int(share[2])
+    return name, (int(share[1]), int(share[2]))
 
 
 def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str) -> None:
@@ -224,6 +419,7 @@ def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str)
     texts = {"mesh": repr(rig.faces), "controls": controls_text(rig.controls), "clips": repr(list(rig.clips))}
     record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
     record |= {"frames": hashlib.sha256(frames).hexdigest(), "seed": options.seed, "poses in a file": SHARD}
+    record |= {} if rig.clips else {"draws": "few controls at a time"}
     mark = folder / ".export.json"
     foreign = folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir())
     if mark.exists():  # looked for after other files, for another process that begins now writes the mark first
@@ -254,8 +450,7 @@ def check_unchanged(rig: SampledRig, shards: Sequence[Path]) -> None:
 def export(rig: SampledRig, options: argparse.Namespace) -> None:
     """Write the folder, file by file, or go on where an earlier call stopped. Raises Refusal."""
     folder = Path(options.out)
-    name = options.name or folder.resolve().name
-    share = check(rig, options, name)
+    name, share = check(rig, options)
     begin(rig, folder, options, name)
     frames = np.concatenate([np.zeros((0, len(rig.controls)))] + [values for _, values in rig.clips.values()])
     origin = [(clip, int(number)) for clip, (frame_numbers, _) in rig.clips.items() for number in frame_numbers]
@@ -289,6 +484,8 @@ def export(rig: SampledRig, options: argparse.Namespace) -> None:
         done += end - start
         rate = done / (time.monotonic() - started)
         say(f"{done:,} of {total:,} poses, {rate:.3g} a second, {(total - done) / rate / 60:.1f} minutes left")
+    for remark in rig.remarks:
+        say(remark)
     say(f"{folder} has all of its poses" if not total else f"written to {folder}")
 
 
@@ -346,17 +543,20 @@ def limits_of(node: str, attribute: str) -> tuple[float, float] | None:
 
 
 def is_driven(plug: str) -> bool:
-    """Tell whether something other than keys sets an attribute."""
+    """Tell whether something other than keys of the timeline sets an attribute, such as driven keys."""
     from maya import cmds
 
-    return any(not cmds.objectType(node, isAType="animCurve") for node in cmds.listConnections(plug, d=False) or [])
+    return any(not cmds.objectType(node).startswith("animCurveT") for node in cmds.listConnections(plug, d=False) or [])
 
 
-def find_controls(patterns: Sequence[str]) -> list[tuple[Control, str]]:
-    """Return the controls of the nodes that match, each with its plug. Raises Refusal for a pattern without a match."""
+def find_controls(patterns: Sequence[str]) -> tuple[list[Control], list[str], list[tuple[str, str] | None]]:
+    """Return the controls of the nodes that match, their plugs, and the name and node of those that weigh a shape.
+
+    Raises Refusal for a pattern without a match.
+    """
     from maya import cmds
 
-    found = []
+    controls, plugs, weighed = [], [], []
     for pattern in patterns:
         nodes = cmds.ls(pattern)
         if not nodes:
@@ -374,9 +574,11 @@ def find_controls(patterns: Sequence[str]) -> list[tuple[Control, str]]:
                 lower, upper = limits or (default, default)
                 whole = cmds.getAttr(plug, type=True) in ("long", "short", "byte", "bool", "enum")
                 control = Control(plug, min(lower, default), default, max(upper, default), limits is not None, whole)
-                if plug not in [other for _, other in found]:
-                    found.append((control, plug))
-    return found
+                if plug not in plugs:
+                    controls.append(control)
+                    plugs.append(plug)
+                    weighed.append((attribute, node) if shapes and "[" not in attribute else None)
+    return controls, plugs, weighed
 
 
 def read_clips(plugs: Sequence[str], ranges: Sequence[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -413,11 +615,14 @@ def in_use(control: Control, i: int, clips: dict) -> Control:
 class Scene:
     """The meshes of a scene, posed by values of attributes."""
 
-    def __init__(self, meshes: Sequence, plugs: Sequence[str]):
-        """Take the scene over: keys are disconnected from the attributes."""
+    def __init__(self, meshes: Sequence, plugs: Sequence[str], columns: np.ndarray):
+        """Take the scene over: keys are disconnected from the attributes.
+
+        columns: of the control that sets each attribute.
+        """
         from maya import cmds
 
-        self.meshes, self.plugs = meshes, plugs
+        self.meshes, self.plugs, self.columns = meshes, plugs, columns
         cmds.undoInfo(state=False)
         for plug in plugs:
             for source in cmds.listConnections(plug, d=False, plugs=True) or []:
@@ -428,7 +633,7 @@ class Scene:
         from maya import cmds
         from maya.api import OpenMaya
 
-        for plug, value in zip(self.plugs, params.tolist()):  # noqa: B905
+        for plug, value in zip(self.plugs, params[self.columns].tolist()):  # noqa: B905
             cmds.setAttr(plug, value)
         points = [np.array(mesh.getPoints(OpenMaya.MSpace.kWorld), dtype=np.float64)[:, :3] for mesh in self.meshes]
         return np.concatenate(points)
@@ -464,22 +669,24 @@ def read_rig(options: argparse.Namespace) -> SampledRig:
 
     meshes = find_meshes(options.mesh)
     faces, uvs = read_faces(meshes)
-    found = find_controls(options.controls)
-    clips = read_clips([plug for _, plug in found], options.clip)
-    controls = [in_use(control, i, clips) for i, (control, _) in enumerate(found)]
+    found, plugs, shapes = find_controls(options.controls)
+    controls, columns, clips, remarks = join(found, shapes, read_clips(plugs, options.clip))
+    controls = [in_use(control, i, clips) for i, control in enumerate(controls)]
     kept = [i for i, control in enumerate(controls) if control.lower < control.upper]
     if not clips and len(kept) < len(controls):
         lost = next(control.name for control in controls if control.lower == control.upper)
         raise Refusal(f"there are no keys, and {lost} has no limits: set limits, key it, or leave it out of --controls")
     clips = {name: (frame_numbers, values[:, kept]) for name, (frame_numbers, values) in clips.items()}
-    names = names_of_controls([controls[i].name for i in kept])
-    controls = [controls[i]._replace(name=name) for i, name in zip(kept, names)]  # noqa: B905
-    evaluate = Scene(meshes, [found[i][1] for i in kept])
+    controls, new_names = renamed([controls[i] for i in kept])
+    plugs = [plug for plug, column in zip(plugs, columns) if column in kept]  # noqa: B905
+    columns = np.searchsorted(kept, [column for column in columns if column in kept])
+    evaluate = Scene(meshes, plugs, columns)
     neutral = evaluate(np.array([control.default for control in controls]))
     rate = cmds.currentUnit(query=True, time=True)
     per_second = FRAMES_PER_SECOND.get(rate) or float(rate[:-3] if rate.endswith("fps") else 24)
     up = cmds.upAxis(query=True, axis=True)
-    return SampledRig(neutral, faces, uvs, controls, clips, evaluate, options.unit or "cm", up, per_second)
+    unit, remarks = options.unit or "cm", (*remarks, *new_names)
+    return SampledRig(neutral, faces, uvs, controls, clips, evaluate, unit, up, per_second, remarks)
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -509,7 +716,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not Path(options.file).is_file():
                 raise Refusal(f"there is no file {options.file}")
             cmds.file(str(Path(options.file).resolve()), open=True, force=True)
-        export(read_rig(options), options)
+        rig = read_rig(options)
+        check(rig, options)
+        export(without_idle(rig), options)
     except (Refusal, OSError, RuntimeError) as error:
         say(f"error: {str(error).strip()}")
         return 2

@@ -13,7 +13,7 @@ from data_recipes.exporters.blender_python import blender_python, script_command
 from replicate.base.exceptions import InputError
 
 SCRIPT = Path(blender_samples.__file__)
-MAKER = Path(__file__).with_name("small_blend.py")
+MAKER, AVATAR = (Path(__file__).with_name(name) for name in ("small_blend.py", "avatar_blend.py"))
 ALL = ("--bones", "*", "--shape-keys", "*", "--properties", "*", "--poses", "60")
 
 
@@ -30,10 +30,10 @@ def blend(python, tmp_path_factory):
     """Return the function that makes a variant of the small file, once each."""
     folder = tmp_path_factory.mktemp("blend")
 
-    def make(extra):
-        file = folder / f"{extra}.blend"
+    def make(extra, maker=MAKER):
+        file = folder / f"{maker.stem}_{extra}.blend"
         if not file.exists():
-            command = script_command(python, MAKER, [str(file), extra])
+            command = script_command(python, maker, [str(file), extra])
             subprocess.run(command, check=True, capture_output=True, timeout=300)
         return file
 
@@ -42,8 +42,9 @@ def blend(python, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def call(python):
-    def run(file, folder, *options):
-        command = script_command(python, SCRIPT, [str(file), "--mesh", "Sheet", "--out", str(folder), *options])
+    def run(file, folder, *options, meshes=("Sheet",)):
+        named = [word for mesh in meshes for word in ("--mesh", mesh)]
+        command = script_command(python, SCRIPT, [str(file), *named, "--out", str(folder), *options])
         ended = subprocess.run(command, capture_output=True, text=True, timeout=300)
         return ended.returncode, ended.stderr.strip().splitlines()
 
@@ -183,7 +184,7 @@ def test_without_patterns_what_actions_move_are_the_controls(blend, call, tmp_pa
     assert not any("scale" in name for name in names) and "left.location_y" not in names  # keyed, but never moved
 
 
-def test_without_animation_poses_are_uniform_within_limits(blend, call, tmp_path):
+def test_without_animation_poses_reach_the_limits(blend, call, tmp_path):
     folder = tmp_path / "sheet"
     code, lines = call(blend("still"), folder, "--properties", "*", "--shape-keys", "*", "--poses", "200")
     assert code == 0, lines
@@ -191,6 +192,100 @@ def test_without_animation_poses_are_uniform_within_limits(blend, call, tmp_path
     assert set(poses) == {"params", "vertices"}
     lift = poses["params"][:, list(controls_of(folder)).index("lift")]
     assert -1.0 <= lift.min() < -0.8 and 1.8 < lift.max() <= 2.0
+
+
+@pytest.fixture(scope="module")
+def avatar(blend, call, tmp_path_factory):
+    """Return the function that exports a variant of the avatar: its folder and the lines that were said."""
+    made = {}
+
+    def export(variant, *options):
+        if (variant, options) not in made:
+            folder = tmp_path_factory.mktemp("avatar") / variant
+            words = options or ("--shape-keys", "*", "--properties", "*", "--poses", "80")
+            code, lines = call(blend(variant, AVATAR), folder, *words, meshes=SHEETS)
+            assert code == 0, lines
+            made[variant, options] = folder, lines
+        return made[variant, options]
+
+    return export
+
+
+SHEETS = {"Head": 0.2, "Teeth": 0.06, "Eye": 0.03}  # mesh → its edge
+OFFSETS = {
+    "Head": {"jawOpen": (0, 0, -0.02), "jawLeft": (0.01, 0, 0), "jawRight": (-0.01, 0, 0), "lookUp": (0, 0.001, 0.002),
+             "browInnerUp": (0, -0.004, 0.01), "wrinkle": (0, -0.006, 0)},
+    "Teeth": {"jawOpen": (0, 0, -0.018), "jawLeft": (0.009, 0, 0), "jawRight": (-0.009, 0, 0)},
+    "Eye": {"lookUp": (0, 0, 0.005), "lookDown": (0, 0, -0.005)},
+}  # fmt: skip
+
+
+def posed_avatar(neutral, values):
+    """Return what the avatar does, from the values of its controls by name."""
+    values = values | {"wrinkle": values.get("strength", 0.0) * values["browInnerUp"]}
+    parts = []
+    for (mesh, edge), part in zip(SHEETS.items(), np.split(neutral, 3), strict=True):
+        offset = sum((values.get(key, 0.0) * np.array(of_key) for key, of_key in OFFSETS[mesh].items()), np.zeros(3))
+        bump = 1 - (2 * part[:, :1] / edge) ** 2 if mesh == "Head" else 1.0
+        parts.append(part + bump * offset)
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("variant", ["still", "driven", "acted"])
+def test_shape_keys_with_one_name_are_one_control_that_moves_all_meshes(variant, avatar):
+    folder, lines = avatar(variant)
+    names = list(controls_of(folder))
+    assert names == ["jawOpen", "jawLeft", "jawRight", "lookUp", "browInnerUp", "lookDown", "strength"]
+    neutral, poses = neutral_of(folder), poses_of(folder)
+    for params, vertices in zip(poses["params"], poses["vertices"], strict=True):
+        expected = posed_avatar(neutral, dict(zip(names, params.tolist(), strict=True)))
+        np.testing.assert_allclose(vertices, expected, atol=2e-6)
+    (line,) = (line for line in lines if "now one control each" in line)
+    meshes = "jawOpen, lookUp (Head, Eye)" if variant == "driven" else "jawOpen (Head, Teeth, Eye)"
+    assert meshes in line and "jawLeft, jawRight, empty (Head, Teeth)" in line
+
+
+def test_controls_that_move_nothing_are_named_and_left_out_and_those_that_act_with_others_stay(avatar):
+    folder, lines = avatar("still")
+    (line,) = (line for line in lines if "move no vertex" in line)
+    assert line.endswith(": empty, mood") and "strength" in controls_of(folder)
+
+
+def test_without_animation_few_shape_keys_move_at_a_time_and_left_is_not_right(avatar):
+    folder, _ = avatar("still")
+    names, params = list(controls_of(folder)), poses_of(folder)["params"]
+    assert set(poses_of(folder)) == {"params", "vertices"}
+    assert 1 <= (params > 0).sum(axis=1).min() and (params > 0).sum(axis=1).mean() < 3
+    for first, second in (("jawLeft", "jawRight"), ("lookUp", "lookDown")):
+        moved = params[:, [names.index(first), names.index(second)]] > 0
+        assert moved.any(axis=0).all() and not moved.all(axis=1).any()
+
+
+def test_the_teeths_part_of_a_take_is_no_clip_of_its_own(avatar):
+    folder, lines = avatar("acted", "--poses", "0")
+    assert list(controls_of(folder)) == ["jawOpen", "lookUp", "browInnerUp", "lookDown"]
+    poses = poses_of(folder)
+    assert set(poses["clip"].tolist()) == {"talk", "look"} and len(poses["clip"]) == 21 + 12
+    assert poses["params"][(poses["clip"] == "talk") & (poses["frame"] == 11), 0] == pytest.approx(1.0)
+    assert any(line.endswith("all that they move is in another one: talk of the teeth") for line in lines)
+
+
+def test_a_joined_control_goes_as_far_as_its_largest_slider_and_each_mesh_as_far_as_its_own(avatar):
+    folder, _ = avatar("limits", "--shape-keys", "jawOpen", "--poses", "60")
+    assert [float(controls_of(folder)["jawOpen"][key]) for key in ("lower", "default", "upper")] == [0, 0, 2]
+    poses, neutral = poses_of(folder), neutral_of(folder)
+    jaw = poses["params"][:, 0]
+    assert jaw.max() > 1.5
+    lowest = (poses["vertices"] - neutral)[:, :, 2]
+    np.testing.assert_allclose(lowest[:, :81].min(axis=1), -0.02 * jaw, atol=2e-6)
+    np.testing.assert_allclose(lowest[:, 81:162].min(axis=1), -0.018 * np.minimum(jaw, 0.5), atol=2e-6)
+
+
+def test_names_that_blender_may_have_cut_to_one_are_named(avatar):
+    _, lines = avatar("long")
+    (line,) = (line for line in lines if line.startswith("Blender cuts names"))
+    assert line.endswith("in_front_of__")
+    assert not any("Blender cuts names" in line for line in avatar("still")[1])
 
 
 def test_a_subdivision_is_switched_off_and_said(blend, call, tmp_path):

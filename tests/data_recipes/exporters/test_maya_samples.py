@@ -22,8 +22,8 @@ class Scene:
         self.cut = []
 
     def objectType(self, node, isAType=None):
-        kinds = {"lip_ctrl": "transform", "shapes": "blendShape", "curve": "animCurve"}
-        return kinds[node] == isAType if isAType else kinds[node]
+        kinds = {"lip_ctrl": "transform", "shapes": "blendShape", "curve": "animCurveTU"}
+        return kinds[node].startswith(isAType) if isAType else kinds[node]
 
     def ls(self, pattern, type=None):
         if type == "mesh":
@@ -133,6 +133,67 @@ def stage(monkeypatch):
         monkeypatch.setitem(sys.modules, "maya.api", api)
 
     return put
+
+
+NODES = {"shapes": ["smile", "empty"], "teeth_shapes": ["smile", "driven", "w[3]"], "more_shapes": ["w[3]", "up"]}
+
+
+class Avatar(Scene):
+    """Weights of two nodes: "smile" moves the square along x and along y, as on two meshes; others do nothing."""
+
+    def __init__(self, keyed=()):
+        super().__init__()
+        self.values = {f"{node}.{name}": 0.0 for node, names in NODES.items() for name in names}
+        self.keyed = set(keyed)
+
+    def objectType(self, node, isAType=None):
+        kind = {"curve": "animCurveTL", "driven_key": "animCurveUU"}.get(node, "blendShape")
+        return kind.startswith(isAType) if isAType else kind
+
+    def ls(self, pattern, type=None):
+        return super().ls(pattern, type) if type == "mesh" else {"*shapes": list(NODES)}.get(pattern, [])
+
+    def listAttr(self, node, multi=False, **flags):
+        return NODES[node.removesuffix(".w")]
+
+    def listConnections(self, plug, d=True, plugs=False):
+        return ["driven_key"] if plug == "teeth_shapes.driven" else super().listConnections(plug, d, plugs)
+
+    def points(self):
+        return SQUARE + [self.values[plug] for plug in ("shapes.smile", "teeth_shapes.smile", "more_shapes.up")]
+
+
+def export_avatar(folder, *words):
+    return maya_samples.main(["--mesh", "head", "--controls", "*shapes", "--out", str(folder), *words])
+
+
+def test_weights_with_one_name_are_one_control_and_those_without_effect_are_left_out(stage, tmp_path, capsys):
+    stage(Avatar())
+    assert export_avatar(tmp_path / "square", "--poses", "60") == 0
+    rows = (tmp_path / "square" / "controls.csv").read_text().splitlines()
+    assert rows[1:] == ["smile,0,0,1,mouth", "more_shapes.up,0,0,1,face"]
+    poses = np.load(tmp_path / "square" / "poses" / "drawn-0000000-0000060.npz")
+    np.testing.assert_allclose(poses["vertices"], SQUARE + poses["params"][:, None, [0, 0, 1]], atol=1e-5)
+    assert 0 < (poses["params"] > 0).all(axis=1).mean() < 0.8 and "clip" not in poses
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.endswith("one control each: smile (shapes, teeth_shapes)") for line in lines)
+    (idle,) = (line for line in lines if "move no vertex" in line)
+    assert idle.endswith(": shapes.empty, teeth_shapes.w[3], more_shapes.w[3]")  # no names, so not the same
+
+
+def test_a_joined_weight_moves_in_a_clip_as_the_one_that_has_keys(stage, tmp_path):
+    scene = Avatar(keyed=["teeth_shapes.smile"])
+    stage(scene)
+    assert export_avatar(tmp_path / "square", "--poses", "0", "--clip", "grin=1:30") == 0
+    frames = np.load(tmp_path / "square" / "poses" / "frames-0000000-0000030.npz")
+    np.testing.assert_allclose(frames["params"][:, 0], np.sin(np.arange(1, 31) / 5), atol=1e-6)
+    np.testing.assert_allclose(frames["vertices"], SQUARE + frames["params"][:, None, [0, 0, 1]], atol=1e-5)
+    assert scene.cut == ["teeth_shapes.smile"]
+
+
+def test_an_attribute_with_driven_keys_is_no_control(stage):
+    stage(Avatar())
+    assert maya_samples.is_driven("teeth_shapes.driven") and not maya_samples.is_driven("shapes.smile")
 
 
 def call(folder, *words):

@@ -1,12 +1,18 @@
 """What all exporters share: poses are drawn, and a folder is written, file by file, and goes on where it stopped."""
 
+import json
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from shape_faces import ARKIT
 
+from data_recipes.controls import Control
 from data_recipes.exporters import blender_samples, maya_samples
+from data_recipes.sampled.face_file import LONGEST_NAME
+from data_recipes.shapes.control_names import mirrored_pairs
+from data_recipes.shapes.shape_acting import sparse_pose
 
 MARK = "# ---- "
 EXPORTERS = (blender_samples, maya_samples)
@@ -128,11 +134,145 @@ def test_drawn_poses_are_factors_on_distances_from_the_defaults(module):
     assert not drawn[:, 2].any()
 
 
-def test_without_animation_poses_are_uniform_and_whole_where_the_control_is(module):
+def test_without_animation_poses_are_within_limits_and_whole_where_the_control_is(module):
     rig, _ = small_rig(module, clips={})
     drawn = np.array([module.draw_pose(rig.controls, np.zeros((0, 3)), 7, i)[0] for i in range(4000)])
-    np.testing.assert_allclose(drawn.mean(0), [0.5, 0.0, 0.5], atol=0.15)
+    np.testing.assert_allclose(drawn.min(0), [0.0, -4.0, -2.0], atol=0.2)
+    np.testing.assert_allclose(drawn.max(0), [1.0, 4.0, 3.0], atol=0.2)
     assert set(drawn[:, 2].tolist()) == {-2.0, -1.0, 0.0, 1.0, 2.0, 3.0}
+
+
+def test_without_animation_few_controls_move_at_a_time(module):
+    controls = [module.Control(f"shape_{k:02d}", 0.0, 0.0, 1.0) for k in range(60)]
+    drawn = np.array([module.draw_pose(controls, np.zeros((0, 60)), 0, i)[0] for i in range(3000)])
+    shares = np.bincount((drawn > 0).sum(axis=1), minlength=6) / len(drawn)
+    np.testing.assert_allclose(shares, [0, 0.35, 0.3, 0.2, 0.1, 0.05], atol=0.03)
+    assert (drawn.max(axis=0) > 0.8).all()
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ARKIT,
+        ("lipUp_L", "lipUp_R", "lipDown_L", "lipDown_R", "snarl", "smile.L", "frown.L"),
+        ("lip.L.location_x", "lip.R.location_x", "jaw.rotation_x", "eyeLookInLeft", "eyeLookOutLeft"),
+    ],
+)
+def test_poses_without_animation_follow_the_rule_for_faces_of_shapes(names, module):
+    limits = [(-1.0, 0.0, 2.0) if k % 3 == 0 else (0.0, 0.0, 1.0) for k in range(len(names))]
+    controls = [module.Control(name, *of_name) for name, of_name in zip(names, limits, strict=True)]
+    for index in range(300):
+        theirs = sparse_pose(
+            [Control(*c[:4], "face") for c in controls], mirrored_pairs(names), 1.0, np.random.default_rng([3, index])
+        )
+        drawn, source = module.draw_pose(controls, np.zeros((0, len(names))), 3, index)
+        np.testing.assert_array_equal(drawn, theirs.astype(np.float32))
+        assert source == -1
+
+
+def test_a_node_in_front_of_a_name_changes_no_opposites(module):
+    names = ["shapes.jawLeft", "shapes.jawRight", "shapes.eyeBlinkLeft", "shapes.eyeBlinkRight"]
+    assert module.mirrored_pairs(names) == [[0], [1], [2, 3]]
+    assert module.opposite(*names[:2])
+    drawn = np.array([module.sparse_pose([module.Control(n, 0, 0, 1) for n in names], r) for r in generators(200)])
+    assert not (drawn[:, :2] > 0).all(axis=1).any() and (drawn[:, 2:] > 0).all(axis=1).any()
+
+
+def generators(count):
+    return [np.random.default_rng(seed) for seed in range(count)]
+
+
+def test_shapes_with_one_name_are_one_control_as_far_as_any_of_them_goes(module):
+    controls = [module.Control(n, 0.0, 0.0, u) for n, u in (("jaw", 1.0), ("smile", 1.0), ("jaw", 2.0), ("jaw", 1.0))]
+    shapes = [("jaw", "Head"), ("smile", "Head"), ("jaw", "Teeth"), None]
+    walk = np.arange(3), np.array([[0.0, 0.0, 0.0, 0.3], [0.5, 0.0, 0.5, 0.2], [1.0, 0.0, 0.2, 0.1]])
+    teeth = np.arange(3), np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.5, 0.0], [0.0, 0.0, 0.2, 0.0]])
+    joined, columns, clips, remarks = module.join(controls, shapes, {"walk": walk, "teeth": teeth})
+    assert [(c.name, c.upper) for c in joined] == [("jaw", 2.0), ("smile", 1.0), ("jaw", 1.0)]  # the last is no shape
+    assert columns.tolist() == [0, 1, 0, 2]
+    np.testing.assert_array_equal(clips["walk"][1], walk[1][:, [0, 1, 3]])
+    np.testing.assert_array_equal(clips["teeth"][1], teeth[1][:, [2, 1, 3]])
+    assert len(remarks) == 2
+    assert remarks[0].endswith("one control each: jaw (Head, Teeth)") and remarks[1].endswith(": jaw in walk")
+
+
+def test_without_equal_names_nothing_is_joined_and_nothing_said(module):
+    rig, _ = small_rig(module)
+    joined, columns, clips, remarks = module.join(rig.controls, [("slide", "Head"), None, ("step", "Head")], CLIPS)
+    assert joined == rig.controls and columns.tolist() == [0, 1, 2] and remarks == ()
+    assert all(np.array_equal(clips[name][1], CLIPS[name][1]) for name in CLIPS)
+
+
+def rig_of(module, names, offsets, clips=None):
+    """Return the small rig with controls from 0 to 1, moved by offsets: a function of their values."""
+    rig, calls = small_rig(module, clips or {})
+    controls = [module.Control(name, 0.0, 0.0, 1.0) for name in names]
+
+    def evaluate(params):
+        calls.append(params)
+        moved = rig.neutral.copy()
+        moved[1] += offsets(*np.asarray(params, float))
+        return moved
+
+    return rig._replace(controls=controls, evaluate=evaluate), calls
+
+
+def test_a_control_that_moves_no_vertex_is_left_out_by_name_and_stays_at_its_default(module, tmp_path, capsys):
+    rig, _ = rig_of(module, ("jaw", "mood", "brow"), lambda jaw, mood, brow: 0.01 * np.array([jaw, 1e-6 * mood, brow]))
+    less = module.without_idle(rig)
+    assert [control.name for control in less.controls] == ["jaw", "brow"]
+    np.testing.assert_allclose(less.evaluate(np.array([0.5, 0.2])), rig.evaluate(np.array([0.5, 0.0, 0.2])), atol=1e-9)
+    module.export(less, options(module, tmp_path / "square", "--poses", "20"))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[-2].endswith("they move no vertex of the meshes between their limits: mood")
+    assert "mood" not in (tmp_path / "square" / "controls.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    "offsets",
+    [
+        lambda a, b: [0.01 * (a - b), 0, 0],  # opposites that cancel
+        lambda a, b: [0.01 * a, 0.01 * a * b, 0],  # one that acts with the other alone
+        lambda a, b: [0.01 * a, 0.01 * np.sin(np.pi * b), 0],  # one that is back at rest at its limit
+        lambda a, b: [0.01 * a, 0.01 * (b > 0.999), 0],  # one that acts at its limit alone
+    ],
+)
+def test_a_control_with_some_effect_stays(offsets, module):
+    rig, _ = rig_of(module, ("a", "b"), offsets)
+    assert module.without_effect(rig) == [] and module.without_idle(rig) is rig
+
+
+def test_a_hundred_idle_controls_are_found_by_few_poses(module):
+    names = [f"bone_{k}" for k in range(200)]
+    rig, calls = rig_of(module, names, lambda *values: [0.01 * values[7], 0.01 * values[140], 0])
+    assert module.without_effect(rig) == [k for k in range(200) if k not in (7, 140)]
+    assert len(calls) < 80
+
+
+def test_clips_that_move_only_what_is_left_out_are_left_out_too(module):
+    still, moving = np.zeros((30, 2)), np.linspace(0, 1, 30)[:, None]
+    frames = np.arange(30)
+    clips = {"walk": (frames, moving * (0, 1)), "talk": (frames, moving * (1, 1)), "rest": (frames, still)}
+    rig, _ = rig_of(module, ("jaw", "hip"), lambda jaw, hip: [0.01 * jaw, 0, 0], clips)
+    less = module.without_idle(rig)
+    assert list(less.clips) == ["talk", "rest"] and less.clips["talk"][1].shape == (30, 1)
+    assert less.remarks[0].endswith("limits: hip; clips left out, since they move only these: walk")
+
+
+def test_a_rig_in_which_nothing_has_an_effect_is_refused(module):
+    rig, _ = rig_of(module, ("jaw", "hip"), lambda jaw, hip: [0, 0, 0])
+    with pytest.raises(module.Refusal, match="no control is left: no vertex of the meshes moves by jaw, hip"):
+        module.without_idle(rig)
+
+
+def test_a_folder_that_was_drawn_in_another_way_does_not_go_on(module, tmp_path):
+    folder = tmp_path / "square"
+    module.export(small_rig(module, clips={})[0], options(module, folder, "--poses", "20"))
+    record = json.loads((folder / ".export.json").read_text())
+    del record["draws"]  # as of a folder of uniform poses
+    (folder / ".export.json").write_text(json.dumps(record))
+    with pytest.raises(module.Refusal, match="holds an export with other draws"):
+        module.export(small_rig(module, clips={})[0], options(module, folder, "--poses", "40"))
 
 
 def test_what_was_stopped_goes_on_and_ends_as_if_it_had_not(module, tmp_path):
@@ -207,9 +347,19 @@ def test_a_control_belongs_to_the_region_that_a_word_of_its_name_says(module):
 
 
 def test_names_fit_a_table_and_occur_once(module):
-    names = module.names_of_controls(["a,b", "a_b", "x" * 80, "x" * 90, " ", "\n", "Wange\u00e4" * 20])
-    assert len(set(names)) == len(names) and all(0 < len(name.encode()) <= 63 for name in names)
+    names = module.names_of_controls(["a,b", "a_b", "x" * 280, "x" * 290, " ", "\n", "Wange\u00e4" * 40])
+    assert len(set(names)) == len(names) and all(0 < len(name.encode()) <= LONGEST_NAME for name in names)
     assert not any("," in name or not name.isprintable() for name in names)
+
+
+def test_long_names_keep_their_ends_and_a_name_that_changes_is_said(module):
+    bone = "b" * 63
+    kept = [module.Control(f"{bone}.location_{axis}", 0.0, 0.0, 1.0) for axis in "xyz"]
+    assert module.renamed(kept) == (kept, ())
+    changed = [module.Control(name, 0.0, 0.0, 1.0) for name in ("x" * 201, "x" * 202, "smile", "smile")]
+    controls, (remark,) = module.renamed(changed)
+    assert [c.name for c in controls] == ["x" * 200, "x" * 198 + "~2", "smile", "smile~2"]
+    assert "at most 200 bytes" in remark and remark.endswith("'smile' to 'smile~2'")
 
 
 @pytest.mark.parametrize(
