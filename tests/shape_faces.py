@@ -44,8 +44,19 @@ def shapes_of(vertices: np.ndarray, names: tuple[str, ...]) -> dict[str, np.ndar
     return shapes
 
 
-def write_face(file: Path, names: tuple[str, ...] = ARKIT, **mesh: object) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Write a GLB of the sheet with eyes that stand still and a far body; return its vertices and shapes, mm."""
+def turn_round(g: Gltf, nodes: list[int]) -> list[int]:
+    """Make a file a VRM 0.x, whose face looks along −z; return its root above some nodes."""
+    g.tree["extensions"] = {"VRM": {}}
+    return [g.add("nodes", name="Armature", rotation=[0, 1, 0, 0], children=nodes)]
+
+
+def write_face(
+    file: Path, names: tuple[str, ...] = ARKIT, looks_back: bool = False, **mesh: object
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Write a GLB of the sheet with eyes that stand still and a far body; return its vertices and shapes, mm.
+
+    looks_back: as a VRM 0.x does.
+    """
     g = Gltf(scene=0)
     vertices, faces, uv = split_sheet()
     shapes = shapes_of(vertices, names)
@@ -55,7 +66,7 @@ def write_face(file: Path, names: tuple[str, ...] = ARKIT, **mesh: object) -> tu
     ball, quads = half(-8, 8)
     for name, place in (("EyeLeft", (30, 30, 10)), ("Body", (0, -900, 0))):
         nodes.append(g.show(g.primitive(METRES * (ball + place), quads), name=name))
-    g.add("scenes", nodes=nodes)
+    g.add("scenes", nodes=turn_round(g, nodes) if looks_back else nodes)
     file.write_bytes(g.glb())
     return vertices, shapes
 

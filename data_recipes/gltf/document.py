@@ -38,7 +38,7 @@ READ = (*MESHOPT, "KHR_draco_mesh_compression")
 class Document:
     """A glTF file.
 
-    tree: section → its entries, [] where the file has none; `scene` and `extensionsRequired` besides.
+    tree: section → its entries, [] where the file has none; `scene`, `extensions` and `extensionsRequired` besides.
     folder: where buffers of their own lie.
     chunk: a GLB's binary chunk.
     buffers, decoded: what has been read of buffers, and of compressed buffer views, by index.

@@ -46,6 +46,7 @@ class GltfFace:
     targets: morph target → the offsets of all vertices in metres, in the scene's axes; one for all meshes that have it.
     weights: morph target → its default weight, which the first mesh that has the target says.
     base_colour: red, green and blue of the material's factor, 1 without; None if no material has one.
+    looks_back: the face looks along −z, as those of VRM 0.x do; all above is as the file has it nevertheless.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -58,6 +59,7 @@ class GltfFace:
     weights: dict[str, float]
     skin: GltfSkin | None
     base_colour: Float[np.ndarray, "n 3"] | None
+    looks_back: bool
 
 
 def read_gltf(file: Path) -> GltfFace:
@@ -92,7 +94,9 @@ def read_gltf(file: Path) -> GltfFace:
         faces, nodes, materials = _read_faces(document, parts, mirrored)
         uv, has_uv = _read_uv(document, parts, n)
         colour = _read_colour(document, parts, n)
-        return GltfFace(vertices, faces, uv, has_uv, nodes, materials, targets, weights, skin, colour)
+        kinds = table_of(document.tree, "extensions", "glTF")
+        looks_back = "VRM" in kinds and "VRMC_vrm" not in kinds  # version 1.0 has turned round
+        return GltfFace(vertices, faces, uv, has_uv, nodes, materials, targets, weights, skin, colour, looks_back)
 
 
 def _read_faces(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +55,7 @@ class ShapeSource:
     targets: shape → offsets of the vertices, mm.
     weights: shape → its weight in the neutral face.
     skin: joints, in the file's unit, or None.
-    mm: the file's unit in mm.
+    to_ours: brings a column of the file's unit and axes into mm and ours.
     colours: of the vertices, from 0 to 1, or None.
     """
 
@@ -63,7 +63,7 @@ class ShapeSource:
     targets: dict[str, Float[np.ndarray, "n 3"]]
     weights: Mapping[str, float]
     skin: GltfSkin | None
-    mm: float
+    to_ours: Float[np.ndarray, "3 3"]
     colours: Float[np.ndarray, "n 3"] | None
 
 
@@ -93,11 +93,15 @@ def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
                 raise InputError(f"{shown_path(shape)}: expected the {n} vertices of {file.name}, got {len(vertices)}")
             targets[shape.stem] = vertices - neutral.vertices
         weights, skin, colours = dict.fromkeys(targets, 0.0), None, None
+    turn = np.eye(3)
+    if file.suffix.lower() not in SHAPE_ENDINGS:
+        turn = in_our_axes(turn, face.up).T
+    elif found.looks_back:
+        turn = np.diag([-1.0, 1.0, -1.0])
     mm = _guess_unit(neutral.vertices, targets, where) if face.unit == GUESS else MM[face.unit]
-    up = "y" if file.suffix.lower() in SHAPE_ENDINGS else face.up
-    ours = lambda x: in_our_axes(x, up) * mm  # noqa: E731
-    in_mm = NeutralFile(**vars(neutral) | {"vertices": ours(neutral.vertices)})
-    return ShapeSource(in_mm, {k: ours(v) for k, v in targets.items()}, weights, skin, mm, colours)
+    to_ours = mm * turn
+    in_mm = replace(neutral, vertices=neutral.vertices @ to_ours.T)
+    return ShapeSource(in_mm, {k: v @ to_ours.T for k, v in targets.items()}, weights, skin, to_ours, colours)
 
 
 def control_names(recipe: ShapeRecipe, files: Sequence[Path]) -> list[str]:

@@ -190,7 +190,7 @@ def build_shape_rig(recipe: ShapeRecipe, files: Sequence[Path]) -> FaceRig:
     controls += [control for control in joints["controls"] if control.name not in names]
     if not controls:
         raise InputError(f"{where}: no shape moves a vertex farther than {STILL_MM:g} mm")
-    shift = _placement(vertices[kept], offsets[:, kept], list(source.targets), face, source.mm)
+    shift = _placement(vertices[kept], offsets[:, kept], list(source.targets), face, source.to_ours)
     mesh = make_mesh(neutral, face.segments, vertices[kept] + shift, where)
     shapes = np.zeros((len(controls), len(kept), 3))
     shapes[: len(names)] = offsets[effect][:, kept]
@@ -302,7 +302,7 @@ def _joints(face: ShapeFace, source: ShapeSource) -> dict[str, Any]:
             )
             axes.append((k, AXES.index(axis), np.radians(largest)))
     frames = world[wanted]
-    frames[:, :3, 3] *= source.mm
+    frames[:, :3] = source.to_ours @ frames[:, :3]
     return {"controls": controls, "weights": weights, "world": frames, "above": above, "axes": axes}
 
 
@@ -327,11 +327,11 @@ def _joint_constants(
 
 
 def _placement(
-    vertices: np.ndarray, offsets: np.ndarray, names: Sequence[str], face: ShapeFace, mm: float
+    vertices: np.ndarray, offsets: np.ndarray, names: Sequence[str], face: ShapeFace, to_ours: np.ndarray
 ) -> Float[np.ndarray, " 3"]:
     """Return the shift that brings the eyes where the cameras expect them: stated, where lids close, or guessed."""
     if face.eyes:
-        return np.array(EYES_MM) - mm * np.array(face.eyes)
+        return np.array(EYES_MM) - to_ours @ face.eyes
     middles = []
     for name, offset in zip(names, offsets, strict=True):
         if region_of_control(name) in ("eye_left", "eye_right") and "blink" in name.lower():

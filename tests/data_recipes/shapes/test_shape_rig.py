@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from gltf_writer import Gltf
-from shape_faces import ARKIT, METRES, half, shapes_of, split_sheet, worst_linear_mm, write_face
+from shape_faces import ARKIT, METRES, half, shapes_of, split_sheet, turn_round, worst_linear_mm, write_face
 
 from data_recipes.catalogue import build_rig, character_parts, control_count, load_rig, save_rig
 from data_recipes.recipe_paths import character_label, sample_folder, shape_file
@@ -122,7 +122,8 @@ def test_training_poses_stay_within_the_controls_limits(built):
     assert within_limits(rig, poses).tolist() == [[1.0] * len(ARKIT), [0.0] * len(ARKIT)]
 
 
-def test_joints_turn_what_their_weights_carry(tmp_path):
+@pytest.mark.parametrize("looks_back", [False, True])
+def test_joints_turn_what_their_weights_carry(tmp_path, looks_back):
     vertices, faces, _ = split_sheet()
     g = Gltf(scene=0)
     count = len(vertices)
@@ -140,7 +141,7 @@ def test_joints_turn_what_their_weights_carry(tmp_path):
     head_joint = g.add("nodes", name="HeadTop", translation=[0, 0.02, 0])
     root = g.add("nodes", name="Root", children=[head_joint])
     g.add("skins", joints=[head_joint, root], inverseBindMatrices=g.numbers(binds.reshape(2, 16)))
-    g.add("scenes", nodes=[node, root])
+    g.add("scenes", nodes=turn_round(g, [node, root]) if looks_back else [node, root])
     (tmp_path / "a.glb").write_bytes(g.glb())
     (tmp_path / "face.toml").write_text("[joints.HeadTop]\nx = [-10, 30]\n")
     rig = build_rig(str(tmp_path / "a.glb"))
@@ -157,6 +158,36 @@ def test_joints_turn_what_their_weights_carry(tmp_path):
     turned = (posed - [0, 20, 0]) @ turn.T + [0, 20, 0]
     truth = np.where(upper[:, None] > 0, turned, posed) + shift
     np.testing.assert_allclose(rig(pose)[place], truth, atol=1e-3)
+
+
+def test_a_vrm_of_the_old_kind_looks_at_the_camera_and_one_of_the_new_kind_did_already(tmp_path):
+    (tmp_path / "face.toml").write_text("eyes = [0.01, 0.03, -0.04]\n")
+    write_face(tmp_path / "old.vrm", looks_back=True)
+    old = build_rig(str(tmp_path / "old.vrm"))
+    (tmp_path / "face.toml").write_text("eyes = [-0.01, 0.03, 0.04]\n")
+    write_face(tmp_path / "new.vrm")
+    new = build_rig(str(tmp_path / "new.vrm"))
+    poses = np.random.default_rng(3).uniform(0, 1, (5, len(ARKIT))).astype(np.float32)
+    np.testing.assert_allclose(old(poses), new(poses), atol=1e-3)
+    np.testing.assert_array_equal(old.mesh.faces, new.mesh.faces)
+    np.testing.assert_array_equal(old.file_vertices, new.file_vertices)
+    np.testing.assert_allclose(old.pose_props(old.default)[0][1], new.pose_props(new.default)[0][1], atol=1e-3)
+
+
+def test_the_eyes_of_a_folder_of_shapes_are_in_its_own_axes(tmp_path):
+    vertices, faces, _ = split_sheet()
+    lines = "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
+    middles = []
+    for up, axes in (("y", [0, 1, 2]), ("z", [0, 2, 1])):
+        folder, signs = tmp_path / up, np.array([1, 1, 1] if up == "y" else [1, -1, 1])
+        folder.mkdir()
+        for shape, offset in shapes_of(vertices, ("neutral", "smile")).items():
+            moved = (vertices + offset * (shape == "smile"))[:, axes] * signs
+            (folder / f"{shape}.obj").write_text("".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in moved) + lines)
+        eyes = (np.array([5, 30, 10])[axes] * signs).tolist()
+        (folder / "face.toml").write_text(f'unit = "mm"\nup = "{up}"\neyes = {eyes}\n')
+        middles.append(build_rig(str(folder)).mesh.neutral.mean(0))
+    np.testing.assert_allclose(*middles, atol=1e-3)
 
 
 def test_limits_in_a_face_toml_are_the_controls(tmp_path):
