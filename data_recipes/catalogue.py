@@ -23,7 +23,7 @@ from data_recipes.early_checks import check_early, recipe_controls
 from data_recipes.function_rig import FunctionRig
 from data_recipes.ict.facekit_acting import perform
 from data_recipes.ict.facekit_files import expression_names, model_files
-from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
+from data_recipes.landmark_set import FACE_LANDMARKS, TELLING_SHAPES, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
 from data_recipes.recipe.shapes import ShapeRecipe, load_shape_recipe
@@ -129,7 +129,8 @@ def with_face_landmarks(rig: Rig, recipe: AnyRecipe | SampledRecipe) -> Rig:
     """Return a rig whose control points are the 54 landmarks of performance capture (§5.3.2), in their regions.
 
     recipe: what the rig was built from, as `character_parts` or `sampled_parts` gives it. On our heads the landmarks
-    are found, for others face.toml names them: InputError for one that is missing or no vertex of the rig.
+    are known. For others face.toml names them, and on a face of shapes those that it leaves out are found by what the
+    shapes move. Raises InputError for one that is missing or no vertex of the rig.
     """
     if not isinstance(recipe, (Recipe, FaceKitRecipe)):
         vertices = _named_landmarks(rig, recipe)
@@ -150,23 +151,35 @@ def with_face_landmarks(rig: Rig, recipe: AnyRecipe | SampledRecipe) -> Rig:
     return replace(rig, **points) if isinstance(rig, FunctionRig) else AlteredRig(rig, **points)
 
 
-def without_landmarks(recipe: AnyRecipe | SampledRecipe) -> str:
-    """Return which landmarks of performance capture a face lacks, in a sentence; "" for a face that has all."""
-    if isinstance(recipe, (Recipe, FaceKitRecipe)):
+def without_landmarks(recipe: AnyRecipe | SampledRecipe, files: Sequence[Path]) -> str:
+    """Return which landmarks of performance capture a face lacks, in a sentence; "" for a face that may have all.
+
+    recipe, files: as `character_parts` or `sampled_parts` gives them; nothing is built.
+    """
+    if isinstance(recipe, (Recipe, FaceKitRecipe)) or len(recipe.face.points.face_landmarks) == len(FACE_LANDMARKS):
         return ""
+    unknown = ""
+    if isinstance(recipe, ShapeRecipe):
+        lacking = without_counterpart(TELLING_SHAPES, control_names(recipe, files))
+        if not lacking:
+            return ""
+        unknown = f", nor can be found without a shape called {' or '.join(lacking)}"
+    return _unnamed(recipe, unknown)
+
+
+def _unnamed(recipe: ShapeRecipe | SampledRecipe, why: str) -> str:
     missing = [name for name in FACE_LANDMARKS if name not in recipe.face.points.face_landmarks]
-    if not missing:
-        return ""
     few = len(missing) < len(FACE_LANDMARKS)
-    lack = f"{len(missing)} of its {len(FACE_LANDMARKS)} landmarks have no vertex: {', '.join(missing)}"
-    lack = lack if few else f"none of its {len(FACE_LANDMARKS)} landmarks has a vertex"
+    lack = f"{len(missing)} of its {len(FACE_LANDMARKS)} landmarks have no vertex{why}: {', '.join(missing)}"
+    lack = lack if few else f"none of its {len(FACE_LANDMARKS)} landmarks has a vertex{why}"
     return f"{lack}; name them in {FACE_FILE}, [points.face_landmarks], as REPRODUCING.md says"
 
 
 def _named_landmarks(rig: Rig, recipe: ShapeRecipe | SampledRecipe) -> Int32[np.ndarray, " l"]:
-    """Return the rig's vertices of the landmarks that a face.toml names by the vertices of the mesh's file."""
-    if sentence := without_landmarks(recipe):
-        raise InputError(f"{rig.name}: {sentence}")
+    """Return the rig's vertices of the landmarks that a face.toml names by the vertices of the mesh's file.
+
+    On a face of shapes the others are found.
+    """
     named = recipe.face.points.face_landmarks
     place = np.asarray(getattr(rig, "file_vertices", ()))
     place = place if len(place) else np.arange(len(rig.mesh.neutral))
@@ -178,7 +191,17 @@ def _named_landmarks(rig: Rig, recipe: ShapeRecipe | SampledRecipe) -> Int32[np.
             raise InputError(
                 f"{where}: expected a vertex that a control can move, got {vertex}, of a part that is still"
             )
-    return place[[named[name] for name in FACE_LANDMARKS]].astype(np.int32)
+    found = {name: int(place[vertex]) for name, vertex in named.items()}
+    if len(found) < len(FACE_LANDMARKS):
+        if not isinstance(recipe, ShapeRecipe):
+            raise InputError(f"{rig.name}: {_unnamed(recipe, '')}")
+        from data_recipes.shapes.found_landmarks import found_landmarks
+
+        try:
+            found = found_landmarks(rig, found)
+        except InputError as error:
+            raise InputError(f"{rig.name}: {_unnamed(recipe, f', nor can be found: {error}')}") from None
+    return np.array([found[name] for name in FACE_LANDMARKS], np.int32)
 
 
 PERFORMANCE = Acting(seed=54, clips=3, clip_s=4.0)  # an emotion, a take and a dialogue

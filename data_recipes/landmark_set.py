@@ -60,6 +60,7 @@ FACE_LANDMARKS = {  # name → its number among the 68, from 0; "right" is the c
     "seam_lower": 66,
     "seam_lower_right": 67,
 }
+TELLING_SHAPES = ("eyeBlinkLeft", "eyeBlinkRight", "jawOpen")  # by what these move, landmarks are found on any face
 _REGIONS = {
     "chin": "jaw",
     "brow": "brows",

@@ -84,6 +84,7 @@ SLOW = (
     "data_recipes/ict",
     "data_recipes/rigify",
     "data_recipes/sampled/test_importing.py",
+    "data_recipes/shapes/test_found_landmarks.py",
     "data_recipes/test_characters.py",
     "data_recipes/test_dragon.py",
     "data_recipes/test_face_check.py",

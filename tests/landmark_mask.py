@@ -47,8 +47,11 @@ def vertices_at(params: np.ndarray) -> np.ndarray:
     return REST + np.tensordot(np.asarray(params, float), np.stack(list(SHAPES.values())), 1)
 
 
-def write_glb(folder: Path, left_out: tuple[str, ...] = ()) -> Path:
-    """Write mask.glb, whose middle vertices are there twice, and a face.toml with its landmarks but those left out."""
+def write_glb(folder: Path, left_out: tuple[str, ...] = (), jaw: str = "jawOpen") -> Path:
+    """Write mask.glb, whose middle vertices are there twice, and a face.toml with its landmarks but those left out.
+
+    jaw: what the shape jawOpen is called.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     right = PLACES[FACES].mean(axis=1)[:, 0] < 0
     halves = [np.unique(FACES[side]) for side in (~right, right)]
@@ -66,7 +69,8 @@ def write_glb(folder: Path, left_out: tuple[str, ...] = ()) -> Path:
         "indices": g.numbers(corners.reshape(-1, 1), "u4"),
         "targets": [{"POSITION": g.numbers(shape[of_file] / 1000)} for shape in SHAPES.values()],
     }
-    g.add("scenes", nodes=[g.show(primitive, mesh={"extras": {"targetNames": list(SHAPES)}}, name="Head")])
+    names = [jaw if name == "jawOpen" else name for name in SHAPES]
+    g.add("scenes", nodes=[g.show(primitive, mesh={"extras": {"targetNames": names}}, name="Head")])
     (folder / "mask.glb").write_bytes(g.glb())
     numbers = {name: int(np.flatnonzero(of_file == number)[-1]) for name, number in FACE_LANDMARKS.items()}
     (folder / "face.toml").write_text("[acting]\nseed = 1\nclips = 12\n" + _named(numbers, left_out))

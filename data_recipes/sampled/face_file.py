@@ -32,7 +32,8 @@ class Points(Checked):
     """Vertices by index, from 0: landmarks that samples are balanced by, control points that inverse kinematics drags.
 
     control_points: region → vertices. A rule chooses whatever is empty.
-    face_landmarks: name, of `FACE_LANDMARKS`, → vertex of the mesh's file; performance capture needs all of them.
+    face_landmarks: name, of `FACE_LANDMARKS`, → vertex of the mesh's file; performance capture needs all of them, and
+        finds those that a face of shapes leaves out.
     """
 
     landmarks: tuple[int, ...] = field(default=(), metadata={"range": (0, None), "optional": True})

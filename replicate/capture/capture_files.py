@@ -18,6 +18,7 @@ from replicate.capture.landmark_file import MM, Recording
 from replicate.capture.landmark_motion import Motion, control_motion, resampled, telling_frames
 from replicate.capture.tracker_files import Weights, read_recording
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.marks import balls_in_front
 from replicate.drawing.panels import DPI, Words, save_figure
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import moving_parts
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 STEM = "capture"  # of the files' names
 FRAMES, TALL = 5, 1.2  # frames of a strip; a picture's height over its width
+BALL_MM = 1.2  # the radius of a landmark in a picture of the face
 TOLERANCE_MM = 0.25  # that a vertex of the GLB may be off: less than a landmark is
 
 
@@ -168,14 +170,18 @@ def strip(
     camera, motion = head_camera(face, width / height), driven.motion
     cells = []
     for k in chosen:
-        pictures = [face_picture(face, driven.params[k], camera, width, height)]
+        marks = None
+        if motion is not None:
+            vertices = face(driven.params[k])
+            marks = balls_in_front(vertices[face.control_points], vertices, BALL_MM)
+        pictures = [face_picture(face, driven.params[k], camera, width, height, marks)]
         if motion is not None:
             window = window_of(motion.recorded, 1.0)
             pictures.insert(0, landmark_picture(motion.recorded[k], face.control_point_names, window, width, width))
         cells.append(Cell(f"frame {k}", tuple(pictures)))
     frames = ", ".join(map(str, chosen))
     above = "" if motion is None else "landmarks of the actor's face as points and lines, and below them "
-    what = f"{character} in clay" if motion is None else f"{character} in clay with the same expression"
+    what = f"{character} in clay{'' if motion is None else ' with the same expression, its landmarks as points'}"
     networks = "" if motion is None else "IK networks give rig parameters, "
     return face_sheet(cells, len(chosen)), Words(
         f"{len(chosen)} frames of a recording: {above}{what}. Frames {frames}.",

@@ -33,13 +33,13 @@ FIELDS = ("control_points", "control_point_names", "control_point_regions")
 def stage(plan: Plan) -> Stage:
     """Return the stage that finds the landmarks on the plan's character, or takes those that its face.toml names.
 
-    Raises InputError for a face whose landmarks nobody named.
+    Raises InputError for a face whose landmarks nobody named and that has no shapes to find them by.
     """
     if NAME in plan:
         return plan[NAME]
     folder = sample_folder(plan.config.character)
     recipe, files = sampled_parts(folder) if folder else character_parts(plan.config.character)
-    if sentence := without_landmarks(recipe):
+    if sentence := without_landmarks(recipe, files):
         raise InputError(f"{plan.character}: {sentence}")
     return plan.stage(NAME, make, Character(recipe), artefacts.rig_stage(plan), files=files, per_seed=False)
 
