@@ -28,7 +28,18 @@ FAR = 1e9
 
 DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-SECTIONS = ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes", "scenes", "skins")
+SECTIONS = (
+    "accessors",
+    "bufferViews",
+    "buffers",
+    "images",
+    "materials",
+    "meshes",
+    "nodes",
+    "scenes",
+    "skins",
+    "textures",
+)
 # What an extension that a file requires has in its name where it changes no triangle
 HARMLESS = ("material", "texture", "light", "VRM", "animation", "mesh_quantization", "xmp", "node_visibility")
 READ = (*MESHOPT, "KHR_draco_mesh_compression")

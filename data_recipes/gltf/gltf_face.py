@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from data_recipes.gltf.colours import read_colours
 from data_recipes.gltf.document import (
     Document,
     name_of,
     read_document,
     read_floats,
     read_whole,
-    reals,
     reference,
     table_of,
 )
@@ -45,7 +45,7 @@ class GltfFace:
     materials: of each face, "" for none.
     targets: morph target → the offsets of all vertices in metres, in the scene's axes; one for all meshes that have it.
     weights: morph target → its default weight, which the first mesh that has the target says.
-    base_colour: red, green and blue of the material's factor, 1 without; None if no material has one.
+    base_colour: red, green and blue of the material's factor and texture, 1 without; None if no material has any.
     looks_back: the face looks along −z, as those of VRM 0.x do; all above is as the file has it nevertheless.
     """
 
@@ -93,7 +93,7 @@ def read_gltf(file: Path) -> GltfFace:
                 raise InputError(f"{shown(name)}: expected transforms that keep numbers finite, got larger ones")
         faces, nodes, materials = _read_faces(document, parts, mirrored)
         uv, has_uv = _read_uv(document, parts, n)
-        colour = _read_colour(document, parts, n)
+        colour = read_colours(document, parts, n)
         kinds = table_of(document.tree, "extensions", "glTF")
         looks_back = "VRM" in kinds and "VRMC_vrm" not in kinds  # version 1.0 has turned round
         return GltfFace(vertices, faces, uv, has_uv, nodes, materials, targets, weights, skin, colour, looks_back)
@@ -155,16 +155,3 @@ def _read_uv(
         if found is not None:
             uv[part.rows], has_uv[part.rows] = found * [1, -1] + [0, 1], True
     return uv if has_uv.any() else None, has_uv
-
-
-def _read_colour(document: Document, parts: list[Part], n: int) -> Float[np.ndarray, "n 3"] | None:
-    colours, any_factor = np.ones((n, 3)), False
-    for part in parts:
-        index = reference(document, part.primitive, "material", part.place, "materials")
-        if index is None:
-            continue
-        place = f"materials[{index}].pbrMetallicRoughness"
-        table = table_of(document.tree["materials"][index], "pbrMetallicRoughness", f"materials[{index}]")
-        any_factor |= "baseColorFactor" in table
-        colours[part.rows] = reals(table, "baseColorFactor", place, [1.0] * 4)[:3]
-    return colours if any_factor else None

@@ -131,7 +131,9 @@ def test_landmarks_that_are_missing_or_no_vertices_are_named(tmp_path, cache, ca
     )
     toml = (tmp_path / "face.toml").read_text()
     (tmp_path / "face.toml").write_text("")
-    assert f"mask: none of its 54 landmarks has a vertex, {lacking}; name them in face.toml" in refusal(capsys, *arguments)
+    assert f"mask: none of its 54 landmarks has a vertex, {lacking}; name them in face.toml" in refusal(
+        capsys, *arguments
+    )
     (tmp_path / "face.toml").write_text(toml + "chinn = 3\n")
     assert "face_landmarks: there is no landmark chinn; did you mean chin?" in refusal(capsys, *arguments)
     (tmp_path / "face.toml").write_text(toml + "chin = -1\n")

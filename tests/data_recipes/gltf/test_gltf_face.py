@@ -1,8 +1,11 @@
 """Faces of glTF files: order, places, shapes, texture coordinates, targets and joints as the format has them."""
 
+import io
+
 import numpy as np
 import pytest
 from gltf_writer import GRID, PAIR, Gltf
+from PIL import Image
 
 from data_recipes.gltf.gltf_face import read_gltf
 from replicate.base.exceptions import InputError
@@ -156,6 +159,36 @@ def test_materials_and_their_colours_are_known(tmp_path):
     face = read(g, tmp_path)
     assert face.materials == ("skin",) * 2 + ("material_1",) * 2 + ("",) * 2
     np.testing.assert_array_equal(face.base_colour, np.repeat([[0.8, 0.6, 0.5], [1, 1, 1], [1, 1, 1]], 4, axis=0))
+
+
+def textured(picture, view=True, **info):
+    """Return a file whose one material has a texture, and a factor that leaves its red out."""
+    g, data = Gltf(), io.BytesIO()
+    picture.save(data, "PNG")
+    g.add("images", **({"bufferView": g.view(data.getvalue())} if view else {"uri": "skin.png"}))
+    g.add("textures", source=0)
+    factor = {"baseColorFactor": [0, 1, 1, 1], "baseColorTexture": {"index": 0, **info}}
+    g.add("materials", pbrMetallicRoughness=factor)
+    uv = np.array([[0.1, 0.1], [0.9, 0.1], [1.1, 0.9], [-0.1, 0.9]])
+    g.show(g.primitive(material=0, attributes={"TEXCOORD_0": g.numbers(uv)}))
+    return g
+
+
+def test_vertices_have_the_colours_of_a_texture_where_they_lie_on_it(tmp_path):
+    quarters = np.array([[[255, 0, 0], [255, 255, 0]], [[0, 51, 255], [255, 255, 255]]], np.uint8)
+    picture = Image.fromarray(quarters.repeat(300, 0).repeat(200, 1))
+    wanted = [[0, 0, 0], [0, 1, 0], [0, 0.2, 1], [0, 1, 1]]
+    np.testing.assert_allclose(read(textured(picture), tmp_path).base_colour, wanted, atol=1e-6)
+
+
+def test_a_texture_that_cannot_be_read_leaves_the_factor(tmp_path):
+    picture = Image.new("RGB", (8, 8), (9, 9, 9))
+    moved = {"extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
+    broken = textured(picture)
+    first = broken.tree["bufferViews"][0]["byteOffset"]
+    broken.data[first + 8 : first + 40] = bytes(32)
+    for g in (textured(picture, view=False), textured(picture, texCoord=1), textured(picture, **moved), broken):
+        np.testing.assert_array_equal(read(g, tmp_path).base_colour, [[0, 1, 1]] * 4)
 
 
 def test_primitives_that_share_their_vertices_have_them_once(tmp_path):
