@@ -294,9 +294,7 @@ def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
         (f"{claim.name} {claim.text}", outcome(stand_ins(verdicts, claim.name)), *effects(verdicts, claim))
         for claim in CLAIMS
     )
-    notes = (
-        f"✔ holds, ✘ fails, also where seeds differ more than the two numbers, ◐ on some, {NARROWLY}. {EFFECT}.",
-    )
+    notes = (f"✔ holds, ✘ fails, also where seeds differ more than the two numbers, ◐ on some, {NARROWLY}. {EFFECT}.",)
     header = ("", "on our characters", "effect here", "in the paper")
     return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2)
 
