@@ -16,7 +16,7 @@ from data_recipes.recipe_paths import FACE_FILE, SHAPE_ENDINGS, SHAPE_MESHES
 from data_recipes.sampled.face_file import MM, in_our_axes
 from data_recipes.sampled.mesh_file import NeutralFile, neutral_of, read_mesh
 from replicate.base.exceptions import InputError
-from replicate.base.spelling import nothing_named
+from replicate.base.spelling import meant, nothing_named
 from replicate.base.user_files import is_file, shown_path
 
 NEUTRAL_NAMES = ("neutral", "base", "basis", "rest", "default", "mean")
@@ -30,7 +30,9 @@ def source_files(recipe: ShapeRecipe) -> tuple[Path, ...]:
     place = Path(recipe.file)
     if not place.is_dir():
         if not is_file(place):
-            raise InputError(f"{shown_path(place)}: there is no such file")
+            beside = {file.stem: file.name for file in place.parent.glob("*") if file.suffix.lower() in SHAPE_ENDINGS}
+            near = beside.get(meant(place.stem, beside), "")
+            raise InputError(f"{shown_path(place)}: there is no such file{near and f'; did you mean {near}?'}")
         return (place, *(file for file in buffer_files(place) if file != place))
     meshes = sorted(file for file in place.iterdir() if file.suffix.lower() in SHAPE_MESHES)
     if len(meshes) > MOST_SHAPES:

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+import rigs
 
 from course.project import leaderboard
 from replicate.base.command_line import guard
@@ -57,6 +58,7 @@ def board(tmp_path_factory):
     folder = tmp_path_factory.mktemp("project")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("REPLICATE_CACHE", str(folder / "cache"))
+        rigs.put_into(folder / "cache")
         patch.setenv(VARIABLE, "")
         patch.setattr(sys, "path", list(sys.path))
         for method in ("neutral", "linear", written(folder, "project_nearest", NEAREST)):

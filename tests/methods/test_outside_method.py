@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+import rigs
 from outside import bring  # noqa: F401, a fixture
 
 from replicate import __main__ as cli
@@ -45,6 +46,7 @@ def runs(tmp_path_factory, example):
     (folder / "few.toml").write_text(FEW)
     places = {"REPLICATE_CACHE": folder / "cache", "REPLICATE_RESULTS": folder / "results"}
     environment = os.environ | {name: str(path) for name, path in places.items()}
+    rigs.put_into(folder / "cache")
     mine = f'"{folder / "nearest.py"}"'
     table = ["replicate", "table2", "--profile", "quick", "--characters", "tiny", "--config", str(folder / "few.toml")]
     times = [word.replace("table2", "table3") for word in table]

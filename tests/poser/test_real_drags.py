@@ -1,6 +1,7 @@
 """The posing page under a real mouse and a real finger: dragged, saved, loaded and linked poses are Python's."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,11 +17,16 @@ from replicate.poser.saved_pose import read_pose
 
 FACE = posed_face()
 POINTS = control_points(FACE.rig, FACE.influence)
-REST = posed_vertices(FACE, FACE.rig.default[None])[0, POINTS.vertices]  # of an untrained face, elsewhere
 DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 CLICK = "button[name={}]".format
 CHOOSE, STATUS = "input[type=file]", "document.querySelector('.status').textContent"
 POSE = "mounted.then(({pose}) => ({%s}))"
+
+
+@cache
+def at_rest():
+    """Return where the control points are (c, 3), mm: elsewhere than the rig's, for the face is untrained."""
+    return posed_vertices(FACE, FACE.rig.default[None])[0, POINTS.vertices]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +51,7 @@ def reset(tab):
     tab.click(CLICK("reset"))
     params, targets, _ = state(tab)
     np.testing.assert_array_equal(params, FACE.rig.default)
-    np.testing.assert_allclose(targets, REST, atol=0.01)
+    np.testing.assert_allclose(targets, at_rest(), atol=0.01)
     tab.wait(DRAWN)
 
 
@@ -62,20 +68,20 @@ def dragged(tab, i, away, how=Tab.pull):
     x, y = tab.place(f".point:nth-of-type({i + 1}) .dot")
     to = tab.evaluate(
         f"mounted.then(({{view, svg}}) => {{ const {{x, y}} = svg.getBoundingClientRect();"
-        f" return view.unproject({x + away[0]} - x, {y + away[1]} - y, {REST[i, 2]}); }})"
+        f" return view.unproject({x + away[0]} - x, {y + away[1]} - y, {at_rest()[i, 2]}); }})"
     )
     how(tab, (x, y), (x + away[0], y + away[1]))
-    return np.array([*to, REST[i, 2]], np.float32)
+    return np.array([*to, at_rest()[i, 2]], np.float32)
 
 
 @pytest.mark.parametrize("how", [Tab.pull, Tab.swipe], ids=["mouse", "finger"])
 def test_a_drag_poses_the_face_as_python_does(rest, how):
-    wanted = REST.copy()
+    wanted = at_rest().copy()
     wanted[1] = dragged(rest, 1, (24, -15), how)
     params, targets, vertices = state(rest)
     np.testing.assert_allclose(targets, wanted, atol=0.02)
-    assert np.abs(targets - REST)[1, :2].min() > 1, "it is dragged across and up"
-    said = halved(FACE.ik).solve(np.stack([targets, REST]))
+    assert np.abs(targets - at_rest())[1, :2].min() > 1, "it is dragged across and up"
+    said = halved(FACE.ik).solve(np.stack([targets, at_rest()]))
     expected = np.clip(FACE.rig.default + said[0] - said[1], FACE.rig.lower, FACE.rig.upper)
     np.testing.assert_allclose(params, expected, atol=3e-4)
     assert np.abs(expected - FACE.rig.default).max() > 0.02
@@ -152,9 +158,9 @@ def test_kept_drags_are_a_file_that_table_4_reads(rest):
     rest.click(CLICK("drags"))
     configurations = read_drags(rest.downloaded("small_drags.csv"), POINTS.names)
     assert [[drag.point for drag in drags] for drags in configurations] == [["point_04"], ["point_01", "point_06"]]
-    wanted = np.stack([REST, REST])
+    wanted = np.stack([at_rest(), at_rest()])
     wanted[0, 3], wanted[1, 5], wanted[1, 0] = first, *second
-    np.testing.assert_allclose(targets_of(REST, POINTS.names, configurations), wanted, atol=0.03)
+    np.testing.assert_allclose(targets_of(at_rest(), POINTS.names, configurations), wanted, atol=0.03)
 
 
 def test_the_page_asked_for_nothing_but_itself_and_nothing_went_wrong(tab):

@@ -73,6 +73,7 @@ def folder(tmp_path_factory):
     write_landmarks(place / "actor.csv", np.concatenate([places[:1]] * 3 + [places[1:]]), tuple(FACE_LANDMARKS), "mm")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("REPLICATE_CACHE", str(place / "cache"))
+        rigs.put_into(place / "cache")
         patch.setenv("REPLICATE_RESULTS", str(place / "results"))
         assert run("figure12", place) == 0
         assert run("capture", place, "--landmarks", str(place / "actor.csv")) == 0

@@ -50,6 +50,7 @@ def models(tmp_path_factory):
     (place / "models").mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("REPLICATE_CACHE", str(place / "cache"))
+        rigs.put_into(place / "cache")
         patch.setattr(trained, "FOLDER", place / "models")
         patch.setattr(trained_models, "MODELS", {"tiny": ()})
         patch.setattr(trained_models, "SHAPES", 10)

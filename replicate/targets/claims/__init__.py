@@ -260,6 +260,10 @@ SYMBOLS = {HOLDS: "✅", FAILS: "❌", NOT_TESTED: "–"}
 PAGE_SYMBOLS = {HOLDS: "✔", FAILS: "✘"}  # any font has these, also on a machine without colour emojis
 MIXED = "◐"
 NARROWLY = "≈ by less than 5 % (of times: 10 %)"
+EFFECT = (
+    "Effect: the ratio of the two numbers that a claim compares, its own factor (2 in C6, 5 in C7) included; below 1 "
+    "supports the claim"
+)
 
 
 def claims_in_brief(file: Path) -> Table:
@@ -275,8 +279,7 @@ def claims_in_brief(file: Path) -> Table:
         cells = [symbol.replace(" ", "").replace("†", "").replace("‡", "≈") for symbol in symbols]
         body.append((f"{claim.name} {claim.text}", *cells, *effects(verdicts, claim)))
     notes = (
-        f"✅ holds, ❌ fails, {NARROWLY}, – not tested. A claim says that one number is "
-        "smaller than another; the effect is their ratio, and below 1 supports the claim.",
+        f"✅ holds, ❌ fails, also where seeds differ more than the two numbers, {NARROWLY}, – not tested. {EFFECT}.",
     )
     header = ("", *STANDS_FOR, "effect here", "in the paper")
     return Table("The paper's claims on our characters", (header,), tuple(body), notes, text_columns=len(header))
@@ -291,10 +294,7 @@ def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
         (f"{claim.name} {claim.text}", outcome(stand_ins(verdicts, claim.name)), *effects(verdicts, claim))
         for claim in CLAIMS
     )
-    notes = (
-        f"✔ holds, ✘ fails, ◐ on some, {NARROWLY}. Effect: the ratio of the two numbers that decide, over our "
-        "characters; below 1 supports the claim.",
-    )
+    notes = (f"✔ holds, ✘ fails, also where seeds differ more than the two numbers, ◐ on some, {NARROWLY}. {EFFECT}.",)
     header = ("", "on our characters", "effect here", "in the paper")
     return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2)
 

@@ -280,3 +280,11 @@ def test_poses_of_an_exactly_linear_rig_are_on_a_line(built):
     shapes = np.stack([rig(np.eye(len(ARKIT), dtype=np.float32)[k]) - rig.mesh.neutral for k in range(len(ARKIT))])
     frames = np.concatenate([clip.values for clip in rig.clips])[::50]
     assert worst_linear_mm(rig, frames, shapes) < 1e-4
+
+
+def test_a_path_with_a_slip_gets_the_name_that_is_there(built):
+    file = built[0]
+    with pytest.raises(InputError, match=r"haed\.glb: there is no such file; did you mean head\.glb\?"):
+        build_rig(str(file.with_name("haed.glb")))
+    with pytest.raises(InputError, match=r"other_face\.glb: there is no such file$"):
+        build_rig(str(file.with_name("other_face.glb")))
