@@ -31,12 +31,17 @@ STUB = "# your code here\nraise NotImplementedError"
 NBGRADER = {"grade": False, "locked": False, "schema_version": 3, "solution": False, "task": False}
 CONFIG = f"""import os
 
+from nbgrader.converters import GenerateAssignment
+from nbgrader.preprocessors import ClearOutput
+
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, ({{suite!r}}, os.environ.get("PYTHONPATH"))))  # has the checks
 c = get_config()
 c.CourseDirectory.course_id = "faces_that_move"
 c.CourseDirectory.root = {{root!r}}
 c.ClearSolutions.code_stub = {{{{"python": {STUB!r}}}}}
 c.ExecutePreprocessor.timeout = 300
+# students see what given cells put out; what they hand in is cleared before it runs, as ever
+c.GenerateAssignment.preprocessors = [step for step in GenerateAssignment().preprocessors if step is not ClearOutput]
 """
 
 
@@ -74,6 +79,14 @@ def without_solutions(notebook: NotebookNode) -> NotebookNode:
     return student
 
 
+def with_given_outputs(notebook: NotebookNode, executed: NotebookNode) -> NotebookNode:
+    """Return a lesson with what its given cells put out when it was executed, but for cells that have changed since."""
+    for cell, there in zip(notebook.cells, executed.cells, strict=False):
+        if cell.cell_type == "code" and kind(cell) == "given" and cell.source == there.source:
+            cell.outputs, cell.execution_count = there.outputs, there.execution_count
+    return notebook
+
+
 def write(notebook: NotebookNode, file: Path) -> None:
     """Write a notebook, in the same bytes each time."""
     nbformat.validate(notebook)
@@ -95,22 +108,16 @@ def make(source: Path) -> float:
 
 
 def release(folder: Path) -> None:
-    """Write a course for nbgrader: source/ with the solutions, release/ for students, and its settings.
+    """Write a course for nbgrader: source/ with the solutions, and settings by which nbgrader makes release/ of it.
 
     Raises InputError if something is there already.
     """
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder}: expected an empty or a new folder for the course, got one with files in it.")
-    from nbgrader.preprocessors import ComputeChecksums, LockCells
-
     for source in SOURCES:
-        lesson = source.stem.partition("_")[0]
-        notebook = read_lesson(source)
-        write(notebook, folder / "source" / lesson / f"{source.stem}.ipynb")
-        student = without_solutions(notebook)
-        for step in (LockCells(), ComputeChecksums()):
-            student, _ = step.preprocess(student, {})
-        write(student, folder / "release" / lesson / f"{source.stem}.ipynb")
+        file = f"{source.stem}.ipynb"
+        notebook = with_given_outputs(read_lesson(source), nbformat.read(SOLUTIONS / file, as_version=4))
+        write(notebook, folder / "source" / source.stem.partition("_")[0] / file)
     (folder / "nbgrader_config.py").write_text(
         CONFIG.format(root=str(folder.resolve()), suite=str(ROOT)), encoding="utf-8"
     )
@@ -127,7 +134,7 @@ def chosen(words: list[str]) -> list[Path]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Make the notebooks, or a release for nbgrader; return the exit code."""
+    """Make the notebooks, or a course for nbgrader; return the exit code."""
     parser = argparse.ArgumentParser(prog="make course", description=__doc__.partition("\n")[0])
     parser.add_argument("--lessons", nargs="+", default=[], metavar="N", help="only these lessons, such as 3 4")
     parser.add_argument("--release", type=Path, metavar="PATH", help="write a course for nbgrader into this folder")

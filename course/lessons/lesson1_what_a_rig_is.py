@@ -17,7 +17,7 @@ import numpy as np
 from replicate.methods.artefacts import rig_of
 
 # %%
-rig = rig_of("teen")  # the first time it is built: a quarter of a minute
+rig = rig_of("teen")  # the first time it is built: 15 s to 2 min
 
 # %%
 from course.checks.lesson1 import check_bend, check_soft_limit, check_turn_jaw
@@ -184,9 +184,7 @@ move(draw, {"jaw_open": (0, 3, 0.4), "smile": (0, 1, 0)}, STILLS, words)
 # $$\mathbf b(t) = r(\mathbf p_0 + t\,\mathbf d) - \left(r(\mathbf p_0) + t\,\dot{\mathbf V}\right), \qquad
 # \dot{\mathbf V} \approx \frac{r(\mathbf p_0 + h\,\mathbf d) - r(\mathbf p_0 - h\,\mathbf d)}{2h}, \quad h = 0.01.$$
 #
-# A *smooth* function leaves a quarter of $\mathbf b$ each time that $t$ is halved (Taylor). Half of it remains at a
-# *kink*, where no tangent fits. If the kink is rounded, or lies a little beside $\mathbf p_0$, you see more than a
-# quarter for $t$ beyond it, and a sudden drop at its place. That is how you tell them apart.
+# How fast it grows with $t$ tells a curve from a kink, as you will see in a chart.
 
 
 # %% exercise="bend"
@@ -235,8 +233,13 @@ curves = {
 show(*bend_chart(SIZES, curves))
 
 # %% [markdown]
-# **Look.** Which of the curves leave a quarter each time, as Taylor says? Where do the others leave more, and what
-# happens on the face there?
+# Read the chart from right to left: each step halves $t$. A *smooth* function leaves a quarter of $\mathbf b$ each
+# time (Taylor), as the dotted line does. At a *kink*, where no tangent fits, half of it remains, as on the dashed line.
+# If the kink is rounded, or lies a little beside $\mathbf p_0$, you see more than a quarter for $t$ beyond it, and a
+# sudden drop at its place.
+#
+# **Look.** Which of the curves leave a quarter each time? Where do the others leave more, and what happens on the face
+# there?
 # <details><summary>Answer</summary>
 #
 # Without contact the jaw is a curve as Taylor has it: a quarter each time. So is the smile. With contact the jaw has a

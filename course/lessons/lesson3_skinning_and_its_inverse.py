@@ -20,7 +20,7 @@ from course.checks.lesson3 import check_align, check_alternate, check_weights
 # %%
 from replicate.methods.artefacts import rig_of
 
-rig = rig_of("teen")  # the first time it is built: a quarter of a minute
+rig = rig_of("teen")  # the first time it is built: 15 s to 2 min
 face = lesson3.examples(rig)
 print(f"{len(face.training)} poses to fit to, of {len(face.rest):,} vertices each, in mm")
 

@@ -20,7 +20,7 @@ from course.lesson5 import charts, face_as_pictures, read_all, stored_poses
 from replicate.approximation.deformation_map import polyharmonic_map
 from replicate.methods.artefacts import rig_of
 
-rig = rig_of("teen")  # the first time it is built: a quarter of a minute
+rig = rig_of("teen")  # the first time it is built: 15 s to 2 min
 parts = charts(rig.mesh)  # name → vertices (k,) and texture coordinates (k, 2) from 0 to 1
 record, *others = stored_poses()
 offsets = record.vertices["truth"] - record.neutral  # (n, 3) mm

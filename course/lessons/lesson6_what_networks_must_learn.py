@@ -32,7 +32,7 @@ show_picture(REFERENCE / "figure10_teen.png")
 # $\mathbf V-\mathbf V^0$ in mm.
 #
 # Ridge regression from lesson 2 gives one matrix $W$ with $\Delta\approx(\mathbf p,1)\,W$; its last row is the
-# constant. $\Delta$ are the offsets. (The head takes a quarter of a minute to make, the first time.)
+# constant. $\Delta$ are the offsets. (The first time the head is built, which takes 15 s to 2 min.)
 
 # %%
 from course import lesson6

@@ -12,7 +12,7 @@
 #
 # On the left is the teen at rest. The red balls are where its 22 control points are wanted: mouth corners out and up,
 # inner brows up, all others where they are. On the right is one answer, by the suite. By the end of the hour you have
-# your own. (The first time the rig is built, which takes a quarter of a minute.)
+# your own. (The first time the rig is built, which takes 15 s to 2 min.)
 
 # %%
 from course.lesson7 import by_descent, faces, networks, teen

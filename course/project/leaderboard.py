@@ -1,6 +1,6 @@
 """Measure a method of your own on poses of `tiny` that it has never seen, and give it a row of the leaderboard.
 
-    python course/project/leaderboard.py mine.py --name Ada
+    python course/project/leaderboard.py mine.py --name Ada --to rows.csv
 
 The first time takes about a minute of one core; what is made is kept in the cache. README.md says what counts.
 """
@@ -313,7 +313,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("method", help="a file with a METHOD, such as mine.py; or a method of the suite, such as pca")
     parser.add_argument("--name", required=True, help="whose row it is; an earlier one of the method is replaced")
     parser.add_argument("--seed", default="0", help="of samples, hidden poses and training (default: %(default)s)")
-    parser.add_argument("--to", type=Path, default=LEADERBOARD, metavar="FILE", help="the CSV file, if it's another")
+    parser.add_argument(
+        "--to",
+        type=Path,
+        default=LEADERBOARD,
+        metavar="FILE",
+        help="the CSV file (default: the course's own leaderboard.csv, which git tracks)",
+    )
     options = parser.parse_args(arguments)
     # whatever can be wrong is found before a minute of work
     settle_folders()

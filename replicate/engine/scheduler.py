@@ -60,7 +60,7 @@ def run(
                 tasks, executor = _tasks(missing, facts or {}), _executor(elsewhere, count)
                 lost = _make(tasks, executor, failures, forecast, lambda made: arrived(there | made))
     if not missing:
-        print(f"nothing to do: {len(graph)} artefacts up to date", flush=True)
+        print(f"nothing to do: {len(graph)} artefact{'s' * (len(graph) != 1)} up to date", flush=True)
     else:
         took = duration(time.monotonic() - start)
         rest = f"{lost} could not be made" if lost else "the rest were up to date"

@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import subprocess
+import sys
 
 import nbformat
 import pytest
@@ -105,17 +107,53 @@ def test_a_student_stops_at_the_first_exercise_and_a_solution_runs_to_the_end(le
             client.execute_cell(cell, k)
 
 
-def test_a_release_has_what_nbgrader_asks_for(tmp_path):
+def test_nbgrader_makes_a_release_with_pictures_and_without_solutions(tmp_path):
     assert build.main(["--release", str(tmp_path / "out")]) == 0
-    for source in build.SOURCES:
-        lesson = source.stem.partition("_")[0]
-        files = [tmp_path / "out" / part / lesson / f"{source.stem}.ipynb" for part in ("source", "release")]
-        ours, theirs = (nbformat.read(file, as_version=4) for file in files)
-        assert bare(ours) == bare(build.read_lesson(source))
-        marked = [cell for cell in theirs.cells if "nbgrader" in cell.metadata]
-        assert marked and all(cell.metadata.nbgrader.checksum for cell in marked)
-        assert not any("BEGIN SOLUTION" in cell.source for cell in theirs.cells)
-    assert "faces_that_move" in (tmp_path / "out" / "nbgrader_config.py").read_text()
+    for lesson in LESSONS:
+        ours = nbformat.read(tmp_path / "out" / "source" / lesson[:7] / f"{lesson}.ipynb", as_version=4)
+        assert bare(ours) == bare(build.read_lesson(source_of(lesson)))
+    assert not (tmp_path / "out" / "release").exists()
+    page = (build.COURSE / "LECTURERS.md").read_text(encoding="utf-8")
+    words = re.search(r"^nbgrader (generate_assignment lesson1)\b", page, re.MULTILINE)[1].split()
+    program = [sys.executable, "-m", "nbgrader", *words]
+    done = subprocess.run(program, cwd=tmp_path / "out", capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    theirs = nbformat.read(tmp_path / "out" / "release" / "lesson1" / f"{LESSONS[0]}.ipynb", as_version=4)
+    student = committed(build.STUDENT, LESSONS[0])
+    assert [cell.source for cell in theirs.cells] == [cell.source for cell in student.cells]
+    assert results(theirs) == results(student) != []
+    marked = [cell for cell in theirs.cells if "nbgrader" in cell.metadata]
+    assert marked and all(cell.metadata.nbgrader.checksum for cell in marked)
+
+
+def test_a_cell_that_has_changed_since_shows_no_old_output():
+    executed = committed(build.SOLUTIONS, LESSONS[0])
+    place = next(k for k, cell in enumerate(executed.cells) if build.kind(cell) == "given" and cell.get("outputs"))
+    lesson = build.read_lesson(source_of(LESSONS[0]))
+    lesson.cells[place].source += "  # changed"
+    assert not build.with_given_outputs(lesson, executed).cells[place].outputs
+    assert results(lesson)
+
+
+def test_the_lecturers_page_has_the_points_of_each_lesson():
+    page = (build.COURSE / "LECTURERS.md").read_text(encoding="utf-8")
+    told = {int(lesson): int(points) for lesson, points in re.findall(r"^\| (\d) [^|]+\| (\d+) \|", page, re.MULTILINE)}
+    marks = {
+        int(lesson[6]): [cell.metadata.get("nbgrader", {}) for cell in committed(build.STUDENT, lesson).cells]
+        for lesson in LESSONS
+    }
+    assert told == {lesson: sum(mark.get("points", 0) for mark in cells) for lesson, cells in marks.items()}
+    assert f"{sum(told.values())} points in all" in page
+
+
+def test_the_copy_for_students_has_no_answers():
+    page = (build.COURSE / "LECTURERS.md").read_text(encoding="utf-8")
+    left_out = [ROOT / folder for folder in re.findall(r"':!(\S+)'", page)]
+    assert all(folder.is_dir() for folder in left_out)
+    for file in (*build.COURSE.rglob("*.ipynb"), *build.COURSE.rglob("*.md"), *build.COURSE.rglob("lesson*.py")):
+        if not any(file.is_relative_to(folder) for folder in left_out):
+            text = file.read_text(encoding="utf-8")
+            assert file.name == "LECTURERS.md" or not re.search(r"BEGIN SOLUTION|\*\*Exam", text), file
 
 
 def test_a_release_overwrites_nothing(tmp_path):

@@ -127,7 +127,7 @@ def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
     assert graph_git(graph) is None and stage_facts(graph)["first"]["git"] == OLD
 
 
-def test_a_rig_built_outside_a_graph_says_what_it_was_made_from(monkeypatch, tmp_path):
+def test_a_rig_built_outside_a_graph_says_what_it_was_made_from(monkeypatch, tmp_path, cache):
     record, folders = {}, []
 
     def run(stages, facts):
@@ -139,6 +139,13 @@ def test_a_rig_built_outside_a_graph_says_what_it_was_made_from(monkeypatch, tmp
     assert isinstance(artefacts.rig_of("tiny"), PlainRig)
     assert [folder.parent.name for folder in folders] == [artefacts.rig_identifier("tiny")]
     assert record["git"] == git_state() and record["command"].startswith("python ")
+
+
+def test_a_rig_that_is_there_is_read_without_a_word(monkeypatch, tmp_path, capfd):
+    monkeypatch.setattr("replicate.engine.store.load", lambda identifier: tmp_path / identifier)
+    monkeypatch.setattr("data_recipes.catalogue.load_rig", lambda folder: PlainRig())
+    assert isinstance(artefacts.rig_of("tiny"), PlainRig)
+    assert capfd.readouterr().out == ""
 
 
 def test_a_process_does_not_count_the_memory_of_the_one_that_started_it():

@@ -48,6 +48,8 @@ def test_a_second_run_does_nothing_and_says_so(cache, capfd):
     beginning = time.monotonic()
     run(toy_graph())
     assert capfd.readouterr().out == "nothing to do: 5 artefacts up to date\n"
+    run([*toy_graph()[0].inputs[0].inputs])
+    assert capfd.readouterr().out == "nothing to do: 1 artefact up to date\n"
     assert time.monotonic() - beginning < 5
 
 
