@@ -220,6 +220,7 @@ def _points(
 # Landmarks and control points for a face that names none: vertices that are far apart and move a lot.
 
 LANDMARKS, CONTROL_POINTS = 24, 20
+LITTLE = 0.1  # of the farthest motion: what moves less, such as a scalp or shoulders, is nothing to drag
 STILL_MM = 1e-3  # vertices that move no farther stand still
 POSES = 500  # at most so many are looked at
 RIDGE = 1e-3  # of the mean square of a column
@@ -231,13 +232,14 @@ def motion_mm(offsets: Float[np.ndarray, "b n 3"]) -> Float64[np.ndarray, " n"]:
 
 
 def spread_out(neutral: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, " n"], count: int) -> Int[np.ndarray, " k"]:
-    """Return up to `count` vertices that move more than the median one, far apart.
+    """Return up to `count` vertices that move more than the median one, and a tenth of the farthest, far apart.
 
     Where most vertices stand still, it is the median one of those that move.
     """
     moving = motion > STILL_MM
     few = moving.any() and np.median(motion) <= STILL_MM
-    candidates = np.flatnonzero(motion >= np.median(motion[moving] if few else motion))
+    least = max(float(np.median(motion[moving] if few else motion)), LITTLE * float(motion.max()))
+    candidates = np.flatnonzero(motion >= least)
     places = np.asarray(neutral[candidates], np.float64)
     chosen = [int(np.argmax(motion[candidates]))]
     distance = ((places - places[chosen[0]]) ** 2).sum(axis=1)

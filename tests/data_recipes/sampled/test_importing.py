@@ -167,3 +167,9 @@ def test_points_are_vertices_that_move_where_most_stand_still(still):
     motion[20:40] = np.arange(1, 21)
     assert sorted(spread_out(places, motion, 20)) == list(range(30, 40)), "the half of those that move farther"
     assert len(spread_out(places, np.zeros(100), 5)) == 5
+
+
+def test_what_moves_little_beside_the_rest_is_no_point_to_drag():
+    places = np.stack([np.arange(100.0), np.zeros(100), np.zeros(100)], axis=1)
+    motion = np.repeat([0.05, 0.2, 5.0], [40, 40, 20])  # as of a bust: shoulders, scalp, face
+    assert min(spread_out(places, motion, 8)) >= 80
