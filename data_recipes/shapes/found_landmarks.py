@@ -22,6 +22,7 @@ from data_recipes.acting.arkit_names import play_weights
 from data_recipes.landmark_set import FACE_LANDMARKS, TELLING_SHAPES
 from data_recipes.rig import Rig
 from replicate.base.exceptions import InputError
+from replicate.geometry.mesh import edges
 
 BROWS = ("browDownLeft", "browDownRight")  # these only make the brows' height better
 SIDES = {"left": 1.0, "right": -1.0}
@@ -122,8 +123,8 @@ def _skin(
     rest: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], motion: Float[np.ndarray, "n 3"]
 ) -> Bool[np.ndarray, " n"]:
     """Return the vertices of the connected part that moves most."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    graph = coo_array((np.ones(len(edges)), edges.T), shape=(len(rest), len(rest)))
+    pairs = edges(faces)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(rest), len(rest)))
     part = connected_components(graph, directed=False)[1]
     return part == np.bincount(part, np.linalg.norm(motion, axis=1)).argmax()
 
