@@ -68,6 +68,24 @@ steps = 10
 steps = 20
 [dense_released_narrow.training]
 steps = 20
+[coarse_printed.training]
+steps = 10
+[refined_printed.training]
+steps = 10
+[dense_printed.training]
+steps = 10
+[coarse_printed_ranges.training]
+steps = 10
+[refined_printed_ranges.training]
+steps = 10
+[dense_printed_ranges.training]
+steps = 10
+[coarse_printed_code.training]
+steps = 10
+[refined_printed_code.training]
+steps = 10
+[dense_printed_code.training]
+steps = 10
 [lbs]
 samples = 60
 iterations = 15
