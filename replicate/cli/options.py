@@ -87,7 +87,10 @@ OPTIONS = {
         "help": "leave nothing out: `clean` removes all that this suite has put there, `compare` prints the rows that "
         "your results lack too",
     },
-    "details": {"action": "store_true", "help": "a line for every artefact, with its hash and its state"},
+    "details": {
+        "action": "store_true",
+        "help": "`status` prints a line for every artefact, with hash and state; `reproduce` says what it would do",
+    },
 }
 
 
