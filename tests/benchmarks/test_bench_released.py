@@ -5,7 +5,17 @@ from dataclasses import asdict
 import pytest
 
 from replicate.benchmarks import bench_regional, bench_released
-from replicate.benchmarks.bench_released import CHANGES, PIECES, SECTIONS, released_tables, variants
+from replicate.benchmarks.bench_released import (
+    ALPHAS,
+    CHANGES,
+    GRID,
+    PIECES,
+    SCALINGS,
+    SECTIONS,
+    alpha_chart,
+    released_tables,
+    variants,
+)
 from replicate.config import resolve
 from replicate.report.results import Row
 
@@ -46,6 +56,29 @@ def test_all_pieces_together_make_one_recipe_of_the_other(sections):
     ours, theirs = sections["dense", "ours"], sections["dense", "released"]
     differing = {key for key in ours if ours[key] != theirs[key]}
     assert differing == {key for keys in PIECES.values() for key in keys}
+
+
+@pytest.mark.parametrize("method", SECTIONS)
+def test_weights_of_normals_are_tried_with_our_scaling_and_with_none(sections, method):
+    ours = sections[method, "ours"]
+    assert sections[method, "α = 5, scaled"] == ours
+    for scaling in SCALINGS:
+        assert [sections[method, f"α = {alpha}, {scaling}"]["normal_weight"] for alpha in ALPHAS] == [*ALPHAS]
+    plain = sections[method, "α = 750, in mm"]
+    differing = {key for key in ours if ours[key] != plain[key]}
+    assert differing == {"normal_weight", "conditioning.inputs", "conditioning.unit_mm"}
+
+
+def test_the_chart_against_alpha_has_a_line_for_each_network_and_scaling():
+    metrics = {"validation_normal_error": "deg", "validation_vertex_error": "mm"}
+    rows = [
+        row(method, f"{metric}[{change}]", unit, 1.0 + place)
+        for metric, unit in metrics.items()
+        for place, (method, change) in enumerate((m, c) for m in SECTIONS for c in GRID)
+    ]
+    figure, words = alpha_chart(rows, "toon")
+    assert [len(axes.lines) for axes in figure.axes] == [4, 4]
+    assert "α = 5, scaled: 9.00° and 1.00°" in words.alt
 
 
 def row(method, metric, unit, value, table="bench_released"):
