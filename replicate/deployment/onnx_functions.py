@@ -122,7 +122,7 @@ def _chunk(recorder: _Recorder, x: torch.Tensor, chunks: int, dim: int = 0) -> t
 
 def _unbind(recorder: _Recorder, x: torch.Tensor, dim: int = 0) -> tuple[str, ...]:
     dim %= x.ndim
-    parts = recorder.graph.nodes("Split", x.shape[dim], recorder.value(x), axis=dim, num_outputs=x.shape[dim])
+    parts = recorder.graph.nodes("Split", x.shape[dim], recorder.value(x), axis=dim)
     return tuple(recorder.graph.node("Squeeze", part, recorder.graph.integers([dim])) for part in parts)
 
 
@@ -159,9 +159,7 @@ def _flatten(recorder: _Recorder, x: torch.Tensor, start_dim: int = 0, end_dim: 
 
 
 def _sum(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int], keepdim: bool = False) -> str:
-    return recorder.graph.node(
-        "ReduceSum", recorder.value(x), recorder.graph.integers(np.atleast_1d(dim)), keepdims=int(keepdim)
-    )
+    return recorder.graph.sum(recorder.value(x), *np.atleast_1d(dim).tolist(), keep=keepdim)
 
 
 def _ones_like(recorder: _Recorder, x: torch.Tensor) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 import onnx
 from onnx import helper, numpy_helper
 
-OPSET = 18  # the first whose reductions all take their axes as an input
-IR_VERSION = 9  # runtimes since 2023 read it
+OPSET = 15  # the latest that Unity reads before its Sentis 2.6
+IR_VERSION = 8  # that of opset 15
 
 
 class OnnxGraph:
@@ -74,9 +74,13 @@ class OnnxGraph:
         """Return some entries of a value along an axis."""
         return self.node("Gather", value, self.integers(indices), axis=axis)
 
-    def sum(self, value: str, axis: int) -> str:
-        """Return sums along an axis, which stays, of length 1."""
-        return self.node("ReduceSum", value, self.integers([axis]), keepdims=1)
+    def sum(self, value: str, *axes: int, keep: bool = True) -> str:
+        """Return sums along some axes, which stay, of length 1, unless `keep` is False."""
+        return self.node("ReduceSum", value, self.integers(axes), keepdims=int(keep))
+
+    def reduce(self, operator: str, value: str, *axes: int, keep: bool = True) -> str:
+        """Return the same of another reduction: at this opset its axes are an attribute."""
+        return self.node(operator, value, axes=axes, keepdims=int(keep))
 
     def model(
         self, source: tuple[str, list], result: str, target: tuple[str, list], about: dict[str, str], words: str

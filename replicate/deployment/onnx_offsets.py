@@ -144,7 +144,7 @@ def _(network: MapNetwork, graph: OnnxGraph, params: str, count: int) -> str:
     read = graph.gather(maps, network.pixels.numpy().T, 1)  # (b, 4, k, 3)
     shares = network.shares.numpy().T[:, :, None]
     shares = graph.node("Expand", graph.constant(shares), graph.integers([*shares.shape[:2], 3]))  # folded once
-    return graph.node("ReduceSum", graph.node("Mul", read, shares), graph.integers([1]), keepdims=0)
+    return graph.sum(graph.node("Mul", read, shares), 1, keep=False)
 
 
 def _start(network: MapNetwork, graph: OnnxGraph, params: str) -> str:

@@ -89,7 +89,7 @@ def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, c
     rest = mesh.neutral[attachments.vertex].astype(np.float64)
     centre = rest.mean(1, keepdims=True)
     posed = graph.reshape(carriers, [0, count, each, 3])
-    posed_centre = graph.node("ReduceMean", posed, graph.integers([2]), keepdims=1)  # (b, r, 1, 3)
+    posed_centre = graph.reduce("ReduceMean", posed, 2)  # (b, r, 1, 3)
     rotation = add_rotations(graph, rest - centre, graph.node("Sub", posed, posed_centre))
     members = [np.flatnonzero(mesh.segment == k) for k in attachments.segment]
     most = max(map(len, members))  # segments are filled up to the largest, so that one product places them all
@@ -123,9 +123,9 @@ def _dominant(graph: OnnxGraph, covariance: str) -> str:
     for k in range(SQUARINGS):
         matrix = graph.node("MatMul", matrix, matrix)
         if k % UNSCALED == UNSCALED - 1:  # the largest entry of such a matrix is on its diagonal
-            matrix = graph.node("Div", matrix, graph.node("ReduceMax", matrix, graph.integers([2, 3]), keepdims=1))
+            matrix = graph.node("Div", matrix, graph.reduce("ReduceMax", matrix, 2, 3))
     weighted = graph.node("Mul", matrix, graph.constant(np.diag([NEAREST, 1, 1, 1])))
-    diagonal = graph.node("ReduceMax", weighted, graph.integers([3]), keepdims=0)
+    diagonal = graph.reduce("ReduceMax", weighted, 3, keep=False)
     best = graph.node("ArgMax", diagonal, axis=2, keepdims=1)
     row = graph.reshape(graph.cast(graph.node("Equal", best, graph.integers(range(4)))), [0, 0, 1, 4])
     return _unit(graph, graph.node("MatMul", row, matrix))
@@ -142,7 +142,7 @@ def _improved(graph: OnnxGraph, quaternion: str, covariance: str, rest: str, pos
     gradient = graph.node("MatMul", graph.reshape(moment, [0, 0, 1, 9]), graph.constant(AXIAL))  # (b, r, 1, 3)
     curvature = graph.reshape(graph.node("MatMul", _transposed(graph, matrix), covariance), [0, 0, 1, 9])
     curvature = graph.node("MatMul", curvature, graph.constant(CURVATURE))
-    size = graph.node("Add", graph.node("ReduceL2", curvature, graph.integers([3])), graph.constant(TINY))
+    size = graph.node("Add", graph.reduce("ReduceL2", curvature, 3), graph.constant(TINY))
     gradient = graph.node("Div", gradient, size)
     curvature = graph.reshape(graph.node("Div", curvature, size), [0, 0, 3, 3])
     damped = graph.node("Add", curvature, graph.constant(DAMPING * np.eye(3)))
@@ -159,7 +159,7 @@ def _solved(graph: OnnxGraph, matrix: str, right: str) -> str:
     rest = graph.node("Sub", graph.node("Mul", trace, trace), trace_of_square)
     adjugate = graph.node("Sub", square, graph.node("Mul", trace, matrix))
     adjugate = graph.node("Add", adjugate, graph.node("Mul", rest, graph.constant(np.eye(3) / 2)))
-    threefold = graph.node("ReduceSum", graph.node("Mul", matrix, adjugate), graph.integers([2, 3]), keepdims=1)
+    threefold = graph.sum(graph.node("Mul", matrix, adjugate), 2, 3)
     determinant = graph.node(
         "Max", graph.node("Mul", threefold, graph.constant(1 / 3)), graph.constant(LEAST_DETERMINANT)
     )
@@ -168,7 +168,7 @@ def _solved(graph: OnnxGraph, matrix: str, right: str) -> str:
 
 def _trace(graph: OnnxGraph, matrix: str) -> str:
     diagonal = graph.node("Mul", matrix, graph.constant(np.eye(3)))
-    return graph.node("ReduceSum", diagonal, graph.integers([2, 3]), keepdims=1)
+    return graph.sum(diagonal, 2, 3)
 
 
 def _matrix(graph: OnnxGraph, quaternion: str) -> str:
@@ -187,5 +187,5 @@ def _transposed(graph: OnnxGraph, value: str) -> str:
 
 
 def _unit(graph: OnnxGraph, value: str) -> str:
-    size = graph.node("ReduceL2", value, graph.integers([3]))
+    size = graph.reduce("ReduceL2", value, 3)
     return graph.node("Div", value, graph.node("Add", size, graph.constant(TINY)))

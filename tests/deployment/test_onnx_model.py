@@ -1,5 +1,7 @@
 """An approximation as one ONNX model: onnxruntime gives Python's vertices, those of rigid segments too."""
 
+from pathlib import Path
+
 import numpy as np
 import onnx
 import onnxruntime
@@ -16,6 +18,7 @@ from replicate.approximation.rigid import attach
 from replicate.base.exceptions import InputError
 from replicate.deployment.onnx_model import onnx_model
 
+UNITY = Path(__file__).with_name("unity_operators.txt")
 ATTACHMENTS = posed_face().attachments
 POSES = np.random.default_rng(0).uniform(-3, 3, (100, M)).astype(np.float32)  # the limits are −1 and 2
 
@@ -43,6 +46,18 @@ def test_onnxruntime_gives_pythons_vertices_beyond_the_limits_too(kind):
     assert found.dtype == np.float32 and furthest(found, wanted(model)) < 1e-3
     assert furthest(found, MESH.neutral) > 1, "nothing moves, and the test says nothing"
     assert furthest(run(written, POSES[3:4]), found[3:4]) < 1e-4, "a pose depends on its neighbours"
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_operator_and_the_opset_are_among_those_that_unity_imports(kind):
+    lines = [line.split() for line in UNITY.read_text().splitlines() if not line.startswith("#")]
+    (_, first, last), *names = lines
+    for half in (False, True):
+        written = onnx_model(MODELS[kind](), MESH, ATTACHMENTS, half)
+        (opset,) = written.opset_import
+        assert opset.domain == "" and int(first) <= opset.version <= int(last)
+        assert {node.op_type for node in written.graph.node} <= {name for line in names for name in line}
+        onnx.checker.check_model(written, full_check=True)
 
 
 @pytest.mark.parametrize("kind", MODELS)
