@@ -7,7 +7,16 @@ import subprocess
 import numpy as np
 import pytest
 
-FLAGS = ("-std=c99", "-O3", "-Wall", "-Wextra", "-Werror")
+FLAGS = (
+    "-std=c99",
+    "-O3",
+    "-Wall",
+    "-Wextra",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wdouble-promotion",
+    "-Werror",
+)
 
 
 def compiled(source, target, *more):

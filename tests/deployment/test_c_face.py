@@ -1,6 +1,8 @@
 """Our method in C99: it compiles without a warning, gives Python's vertices, and says which controls there are."""
 
 import dataclasses
+import re
+import shutil
 import subprocess
 
 import numpy as np
@@ -8,14 +10,17 @@ import pytest
 import torch
 from c_compiler import compiled, library, posed_by
 from posed_face import posed_face, regional_model
+from rigs import rig
 from small_face import M
 
 from data_recipes.controls import Control
 from replicate.approximation.rigid import Attachments, attach
+from replicate.base.paths import ROOT
 from replicate.deployment.c_face import CFace, c_files, identifier
 from replicate.regional.model import RegionalModel, halve
 from replicate.regional.networks import fresh_networks
 
+EXAMPLES = ROOT / "examples"
 FACE = posed_face()
 MESH = FACE.rig.mesh
 POSES = np.random.default_rng(0).uniform(-3, 3, (100, M)).astype(np.float32)  # the limits are −1 and 2
@@ -95,6 +100,35 @@ CHANGES = {
 @pytest.mark.parametrize("changes", CHANGES.values(), ids=CHANGES)
 def test_c_gives_pythons_vertices_beyond_the_limits_too(changes, tmp_path):
     assert furthest_from_python(c_face(**changes), tmp_path) < 1e-3
+
+
+@pytest.mark.parametrize("program", ["c++", "rustc"])
+def test_callers_in_other_languages_pose_the_face(program, tmp_path):
+    if shutil.which(program) is None:
+        pytest.skip(f"needs {program}")
+    for name, text in c_files(c_face(name="teen"), "deploy_teen").items():
+        (tmp_path / name).write_text(text, encoding="ascii")
+    compiled(tmp_path / "deploy_teen.c", tmp_path / "deploy_teen.o", "-c")
+    if program == "c++":
+        words = ["-Wall", "-Wextra", "-Werror", "-I", tmp_path, EXAMPLES / "pose_face.cpp", tmp_path / "deploy_teen.o"]
+    else:
+        source, counts = (EXAMPLES / "pose_face.rs").read_text(), (M, len(MESH.neutral))
+        for name, count in zip(("CONTROLS", "VERTICES"), counts, strict=True):
+            source = re.sub(rf"const {name}: usize = \d+", f"const {name}: usize = {count}", source)
+        (tmp_path / "pose_face.rs").write_text(source)
+        links = ("-C", f"link-arg={tmp_path / 'deploy_teen.o'}", "-C", "link-arg=-lm")
+        words = ["-D", "warnings", tmp_path / "pose_face.rs", *links]
+    subprocess.run([program, *words, "-o", tmp_path / "pose_face"], check=True)
+    done = subprocess.run([tmp_path / "pose_face", "c0", "1.5"], capture_output=True, text=True, check=True)
+    params = np.eye(1, M, dtype=np.float32) * np.float32(1.5)
+    wanted = attach(MESH, FACE.attachments, MESH.neutral + FACE.model.offsets(params))[0]
+    np.testing.assert_allclose(np.loadtxt(done.stdout.splitlines()), wanted, atol=1e-3)
+
+
+def test_the_example_in_rust_counts_what_the_teen_has():
+    head = rig("teen")
+    counts = dict(re.findall(r"const (\w+): usize = (\d+)", (EXAMPLES / "pose_face.rs").read_text()))
+    assert counts == {"CONTROLS": str(len(head.controls)), "VERTICES": str(len(head.mesh.neutral))}
 
 
 def test_the_demo_takes_controls_by_name_and_refuses_others_in_a_sentence(tmp_path):

@@ -199,11 +199,11 @@ static void place(const rigid_segment *own, float *vertices)
     double centre[3] = {0, 0, 0}, m[3][3] = {{0}}, size = 0;
     for (int i = 0; i < count; i++)
         for (int k = 0; k < 3; k++)
-            centre[k] += vertices[3 * carriers[i] + k] / count;
+            centre[k] += (double)vertices[3 * (long)carriers[i] + k] / count;
     for (int i = 0; i < count; i++)
         for (int j = 0; j < 3; j++)
             for (int k = 0; k < 3; k++)
-                m[j][k] += own->rest[3 * i + j] * (vertices[3 * carriers[i] + k] - centre[k]);
+                m[j][k] += (double)own->rest[3 * i + j] * ((double)vertices[3 * (long)carriers[i] + k] - centre[k]);
     for (int j = 0; j < 3; j++)
         for (int k = 0; k < 3; k++)
             size += m[j][k] * m[j][k];
@@ -225,10 +225,12 @@ static void place(const rigid_segment *own, float *vertices)
         {2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)},
         {2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z},
     };
-    for (int i = 0; i < own->member_count; i++)
+    for (int i = 0; i < own->member_count; i++) {
+        const double a = (double)arms[3 * i], b = (double)arms[3 * i + 1], c = (double)arms[3 * i + 2];
+        float *vertex = vertices + 3 * (long)own->members[i];
         for (int k = 0; k < 3; k++)
-            vertices[3 * own->members[i] + k] = (float)(centre[k] + arms[3 * i] * r[0][k] + arms[3 * i + 1] * r[1][k] +
-                                                   arms[3 * i + 2] * r[2][k]);
+            vertex[k] = (float)(centre[k] + a * r[0][k] + b * r[1][k] + c * r[2][k]);
+    }
 }
 
 const ${name}_control ${name}_controls[${upper}_CONTROLS] = {
@@ -278,7 +280,7 @@ void ${name}_pose(const float *parameters, float *vertices)
         share += own->fine + own->rough;
         for (int i = 0; i < own->vertices; i++)
             for (int k = 0; k < 3; k++)
-                vertices[3 * own->members[i] + k] += own->weights[i] * moved[3 * i + k];
+                vertices[3 * (long)own->members[i] + k] += own->weights[i] * moved[3 * i + k];
     }
     for (const rigid_segment *own = rigid; own < rigid + RIGID; own++)
         place(own, vertices);
@@ -314,7 +316,8 @@ int main(int count, char **words)
     }
     ${name}_pose(parameters, vertices);
     for (int i = 0; i < ${upper}_VERTICES; i++)
-        printf("%.4f %.4f %.4f\n", vertices[3 * i], vertices[3 * i + 1], vertices[3 * i + 2]);
+        for (int k = 0; k < 3; k++)
+            printf("%.4f%c", (double)vertices[3 * i + k], k < 2 ? ' ' : '\n');
     return 0;
 }
 #endif

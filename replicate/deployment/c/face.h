@@ -1,4 +1,5 @@
-/* $about
+/** @file
+   $about
 
    $header and its .c need C99 and libm alone. Nothing is allocated and no state is kept: threads may pose
    at once. A call needs about ${stack_kb} kB of stack.
@@ -23,22 +24,27 @@ extern "C" {
 #define ${upper}_VERTICES $vertices
 #define ${upper}_SEGMENTS $segments
 
+/** A control of the rig: its name, the part of the face that it moves, its limits and its value at rest. */
 typedef struct {
     const char *name;
     const char *region;
     float lower, at_rest, upper;
 } ${name}_control;
 
+/** All controls, in the order of the parameters. */
 extern const ${name}_control ${name}_controls[${upper}_CONTROLS];
 
-extern const char *const ${name}_segments[${upper}_SEGMENTS]; /* names of the mesh's segments */
+/** Names of the mesh's segments. */
+extern const char *const ${name}_segments[${upper}_SEGMENTS];
 
-/* Where a control stands among the parameters. */
+/** Where a control stands among the parameters. */
 enum {
 $enum
 };
 
-/* Write the vertices of one pose, in mm. parameters: ${upper}_CONTROLS numbers; vertices: 3 * ${upper}_VERTICES. */
+/** Write the vertices of one pose, in mm.
+    @param parameters ${upper}_CONTROLS numbers
+    @param[out] vertices 3 * ${upper}_VERTICES numbers, x y z of one vertex after the other */
 void ${name}_pose(const float *parameters, float *vertices);
 
 #ifdef __cplusplus
