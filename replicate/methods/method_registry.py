@@ -22,6 +22,7 @@ from replicate.methods.method import Method
 
 VARIABLE = "REPLICATE_METHODS"  # lists files of methods from outside, for worker processes and notebooks
 PACKAGE = "replicate.methods"
+PRINTED = "printed"  # part of the names of the rows that are trained as the text prints
 
 
 def methods(config: Config | None = None) -> dict[str, Method]:
@@ -61,8 +62,9 @@ def in_order(names: Iterable[str]) -> list[str]:
 def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
     """Return the methods that some words name, in the order of the tables.
 
-    words: names, "standard", "all", "lbs" for all numbers of bones, or paths of .py files with a method; without any,
-        the standard methods. "all" leaves out methods that differentiate the rig if that is known only by its samples.
+    words: names, "standard", "all", "lbs" for all numbers of bones, "printed" for the text's recipe in all readings, or
+        paths of .py files with a method; without any, the standard methods. "all" leaves out the text's recipe, whose
+        many steps take most of a day, and methods that differentiate the rig if that is known only by its samples.
     config: as for `methods`.
 
     Raises InputError for an unknown name and for a file without a method.
@@ -74,7 +76,9 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
         if word == "all":
             sampled = config is not None and sample_folder(config.character) is not None
             selection |= {
-                name: method for name, method in registry.items() if not (sampled and method.needs_derivatives)
+                name: method
+                for name, method in registry.items()
+                if not (sampled and method.needs_derivatives) and PRINTED not in name
             }
         elif word == "standard":
             selection |= {name: method for name, method in registry.items() if method.standard}
@@ -82,13 +86,15 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
             selection |= {method.name: method for method in _methods_in(outside[word], config)}
         elif word == "lbs":
             selection |= {name: method for name, method in registry.items() if re.fullmatch(r"lbs\d+", name)}
+        elif word == PRINTED:
+            selection |= {name: method for name, method in registry.items() if PRINTED in name}
         elif word in registry:
             selection[word] = registry[word]
         else:
-            groups = ("standard", "all", "lbs")
+            groups = ("standard", "all", "lbs", PRINTED)
             usual = [name for name, method in registry.items() if method.standard]
             others = (
-                f": there are {', '.join((*groups, *usual))}, {len(registry) - len(usual)} more with all, "
+                f": there are {', '.join((*groups, *usual))}, {len(registry) - len(usual)} more with all or {PRINTED}, "
                 "and paths of .py files"
             )
             raise InputError(nothing_named("method", word, (*groups, *registry), others))

@@ -15,6 +15,7 @@ from replicate.methods import method_registry
 from replicate.methods.measurement import reading
 from replicate.methods.method_registry import VARIABLE, choose, in_order, method_named, methods
 from replicate.methods.plan import Plan, reference
+from replicate.methods.printed import METHODS
 
 OWN = methods().values()
 CONFIG = resolve("tiny", "quick")
@@ -67,7 +68,9 @@ def test_words_choose_methods_in_the_order_of_the_tables():
 def test_an_unknown_method_is_refused_with_those_there_are():
     with pytest.raises(InputError, match=r"^there is no method coarze; did you mean coarse\?$"):
         choose(["coarse", "coarze"])
-    words = r"no method quux: there are standard, all, lbs, coarse, refined, .*neutral, \d+ more with all, and paths of"
+    words = (
+        r"no method quux: there are standard, all, lbs, printed, coarse, .*neutral, \d+ more with all or printed, and"
+    )
     with pytest.raises(InputError, match=words):
         choose(["coarse", "quux"])
 
@@ -144,3 +147,10 @@ def test_a_method_without_a_section_or_a_model_says_so_when_it_is_asked_for_one(
         bare.section(resolve("tiny"))
     with pytest.raises(ValueError, match="got None"):
         reference(bare.model)
+
+
+def test_the_rows_of_the_texts_recipe_are_asked_for_by_name_since_they_take_most_of_a_day():
+    printed = {method.name for method in choose(["printed"])}
+    assert printed == {method.name for method in METHODS}
+    assert not printed & {method.name for method in choose(["all"])}
+    assert printed | {method.name for method in choose(["all"])} == set(methods())

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from replicate.base.paths import ROOT
-from replicate.methods.method_registry import methods
+from replicate.methods.method_registry import choose
 from replicate.report.results import find, read_results
 
 NUMBERS = """
@@ -68,24 +68,6 @@ steps = 10
 steps = 20
 [dense_released_narrow.training]
 steps = 20
-[coarse_printed.training]
-steps = 10
-[refined_printed.training]
-steps = 10
-[dense_printed.training]
-steps = 10
-[coarse_printed_ranges.training]
-steps = 10
-[refined_printed_ranges.training]
-steps = 10
-[dense_printed_ranges.training]
-steps = 10
-[coarse_printed_code.training]
-steps = 10
-[refined_printed_code.training]
-steps = 10
-[dense_printed_code.training]
-steps = 10
 [lbs]
 samples = 60
 iterations = 15
@@ -95,6 +77,7 @@ test_poses = 60
 floor_poses = 60
 """
 ALL = ("--methods", "all")
+SHOWN = {method.name: method for method in choose(["all"])}
 SHORT = ("--numbers-only", "--methods", "coarse", "linear", "neutral")  # what is disturbed: a part of the rows
 
 
@@ -147,13 +130,13 @@ def short(undisturbed, tmp_path_factory):
 
 def test_every_method_has_both_errors(undisturbed):
     rows = read_results(undisturbed[0] / "results" / "quick" / "table2.csv")
-    for method in methods():
+    for method in SHOWN:
         for metric, unit in (("vertex_error", "mm"), ("normal_error", "deg")):
             for statistic in ("mean", "p95", "max"):
                 row = find(rows, "table2", "tiny", method, f"{metric}_{statistic}")
                 assert row is not None and row.unit == unit and row.value >= 0, (method, metric, statistic)
-    assert all(method.title in undisturbed[1] for method in methods().values())
-    assert {row.method for row in rows} == set(methods())
+    assert all(method.title in undisturbed[1] for method in SHOWN.values())
+    assert {row.method for row in rows} == set(SHOWN)
 
 
 def test_every_prediction_has_its_work_and_every_training_its_time(undisturbed):
@@ -164,7 +147,7 @@ def test_every_prediction_has_its_work_and_every_training_its_time(undisturbed):
         return {row.method: row.value for row in rows if row.table == "table2" and row.metric == metric}
 
     work, times, sizes = (values(metric) for metric in ("multiplications", "training", "model_size"))
-    assert set(work) == set(methods()) - {"attachment", "floor", "floor_refined"}
+    assert set(work) == set(SHOWN) - {"attachment", "floor", "floor_refined"}
     assert set(times) == {name for name in work if name != "neutral"}
     assert set(sizes) == set(times)
     assert work["neutral"] == 0 < work["linear"] < work["squares"] < work["refined"]
@@ -216,7 +199,7 @@ def test_every_method_with_a_model_leaves_the_suite_and_nothing_is_trained_for_i
     folder, _ = undisturbed
     printed, _ = finish(folder, ALL, "deploy")
     assert "made 1 of " in printed
-    names = [name for name, method in methods().items() if method.model]
+    names = [name for name, method in SHOWN.items() if method.model]
     models = {f"deploy_tiny_{name}{precision}.onnx" for name in names for precision in ("", "_float16")}
     files = {file.name for file in (folder / "results" / "quick").glob("deploy_*")}
     assert len(names) >= 10 and files == models | {f"deploy_tiny.{ending}" for ending in ("c", "h", "glb")}
