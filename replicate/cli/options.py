@@ -32,8 +32,8 @@ OPTIONS = {
     "methods": {
         "nargs": "+",
         "default": ["standard"],
-        "help": "the rows: names, all, lbs for all numbers of bones, printed for the recipe of the paper's text (hours), "
-        'or paths of .py files with a method of your own, as "standard mine.py" (default: standard, the rows of README)',
+        "help": "the rows: names, all, lbs for all numbers of bones, printed for the recipe that the paper prints (hours), "
+        'or .py files with a method of your own, as "standard mine.py" (default: standard, the rows of README)',
     },
     "seed": {
         "default": ["0"],
