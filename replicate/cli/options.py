@@ -32,7 +32,7 @@ OPTIONS = {
     "methods": {
         "nargs": "+",
         "default": ["standard"],
-        "help": "the rows: names, all, lbs for all numbers of bones, printed for the recipe that the paper prints (hours), "
+        "help": "the rows: names, all, lbs for all numbers of bones, printed for the recipe of the text (hours), "
         'or .py files with a method of your own, as "standard mine.py" (default: standard, the rows of README)',
     },
     "seed": {

@@ -68,9 +68,7 @@ def test_words_choose_methods_in_the_order_of_the_tables():
 def test_an_unknown_method_is_refused_with_those_there_are():
     with pytest.raises(InputError, match=r"^there is no method coarze; did you mean coarse\?$"):
         choose(["coarse", "coarze"])
-    words = (
-        r"no method quux: there are standard, all, lbs, printed, .*neutral, \d+ more with all or printed, and"
-    )
+    words = r"no method quux: there are standard, all, lbs, printed, .*neutral, \d+ more with all or printed, and"
     with pytest.raises(InputError, match=words):
         choose(["coarse", "quux"])
 
