@@ -237,6 +237,9 @@ def forget_folders() -> None:
     """Forget what folders of samples hold, so that shards which came since are seen."""
     if reader := sys.modules.get("data_recipes.sampled.sample_folder"):  # a second's work to import
         reader.open_folder.cache_clear()
+    if reader := sys.modules.get("data_recipes.sampled.one_pose_each"):
+        reader.has_one_pose_each.cache_clear()
+        reader.open_poses.cache_clear()
 
 
 def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable) -> SampledRig:

@@ -1,6 +1,6 @@
 """Where recipes and folders of samples lie, by the names of their characters.
 
-This module imports little, since command lines read it first.
+This module imports little, since command lines read it first: what looks into a folder of samples waits for one.
 """
 
 import os
@@ -9,16 +9,16 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from data_recipes.sampled.face_file import CONTROL_FILE, FACE_FILE, MESH_ENDINGS
 from replicate.base.exceptions import InputError
 from replicate.base.paths import with_home
 from replicate.base.spelling import nothing_named
 from replicate.base.user_files import is_file, read_toml
 
 RECIPES = Path(__file__).resolve().parent
-FACE_FILE, CONTROL_FILE, POSES = "face.toml", "controls.csv", "poses"  # of a folder of samples
+POSES = "poses"  # of a folder of samples
 SHAPE_ENDINGS = (".glb", ".gltf", ".vrm")  # of files that are a face by themselves
 SHAPE_MESHES = (".obj", ".ply")  # of a folder with a mesh for each shape
-MESH_ENDINGS = (".obj", ".ply", ".glb", ".gltf")  # of the neutral of a folder of samples
 LABEL = r"[\w.-]+"  # names that results can have
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}  # ours → the paper's
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
@@ -69,12 +69,19 @@ def sample_folder(character: str) -> Path | None:
 
 
 def shape_file(character: str) -> Path | None:
-    """Return the glTF that a character is given as, or the folder with a mesh for each shape; None for others."""
+    """Return the glTF that a character is given as, or the folder of shapes; None for others.
+
+    Such a folder has a mesh for each shape, or is one of samples with one pose for each shape.
+    """
     path = Path(os.path.abspath(character))
     if path.suffix.lower() in SHAPE_ENDINGS:
         return path
-    if ("/" not in character and _is_there(RECIPES / f"{character}.toml")) or _is_there(path / CONTROL_FILE):
+    if "/" not in character and _is_there(RECIPES / f"{character}.toml"):
         return None
+    if _is_there(path / CONTROL_FILE):
+        from data_recipes.sampled.one_pose_each import has_one_pose_each
+
+        return path if has_one_pose_each(path) else None
     try:
         return path if path.is_dir() and _has_meshes(path) else None
     except OSError:
@@ -109,7 +116,7 @@ def character_label(character: str) -> str:
     A folder whose name can't be part of a file's name goes by the name in its face.toml, if that has one.
     """
     if place := shape_file(character):
-        return re.sub(r"[^\w.-]+", "_", place.stem).strip("_") or "face"
+        return re.sub(r"[^\w.-]+", "_", place.name if place.is_dir() else place.stem).strip("_") or "face"
     if folder := sample_folder(character):
         file = folder / FACE_FILE
         if re.fullmatch(LABEL, folder.name) or not is_file(file):
@@ -133,7 +140,7 @@ def in_command(character: str) -> str:
     The label of one from elsewhere doesn't tell its path: there words in brackets stand in its place.
     """
     whole = absolute(character)
-    if sample_folder(whole) or split_character(whole)[0].endswith(".toml"):
+    if sample_folder(whole) or shape_file(whole) or split_character(whole)[0].endswith(".toml"):
         return shlex.quote(whole)
     is_ours = split_character(whole)[0] in STANDS_FOR or is_file(recipe_file(whole))
     return whole if is_ours else f"<recipe or folder of {character}>"

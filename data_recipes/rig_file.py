@@ -16,7 +16,7 @@ from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.function_rig import POINTS
 from data_recipes.ict.facekit_nodes import FACEKIT
 from data_recipes.rig import Clip, Rig
-from data_recipes.shapes.shape_rig import JOINTED, SHAPES
+from data_recipes.shapes.shape_rig import IN_TURN, JOINTED, SHAPES
 from replicate.base.exceptions import InputError
 from replicate.base.files import write_text
 from replicate.geometry.mesh import Mesh
@@ -25,7 +25,7 @@ DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
 FORMAT = 6
 POINT_LABELS = ("landmark_names", "control_point_names", "control_point_regions", "face_mark_regions")
 MESH = ("neutral", "faces", "uv", "segment")
-CHAINS = {chain.name: chain for chain in (*LADDER.values(), FACEKIT, SHAPES, JOINTED)}
+CHAINS = {chain.name: chain for chain in (*LADDER.values(), FACEKIT, SHAPES, IN_TURN, JOINTED)}
 PROP = ("colours", "vertices", "faces", "index", "weight")
 
 

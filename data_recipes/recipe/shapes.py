@@ -82,10 +82,10 @@ class ShapeRecipe:
 def load_shape_recipe(character: str) -> ShapeRecipe:
     """Return what is said of a face of shapes; raise InputError, naming file and key, for a `face.toml` that is wrong.
 
-    character: the path of a glTF, or of a folder with a mesh for each shape.
+    character: the path of a glTF, or of a folder with a mesh, or a pose of samples, for each shape.
     """
     place = shape_file(character)
     folder = place if place.is_dir() else place.parent
     toml = folder / FACE_FILE
     face = read_words(ShapeFace, toml) if is_file(toml) else ShapeFace()
-    return ShapeRecipe(face.name or place.stem, face, str(place))
+    return ShapeRecipe(face.name or (place.name if place.is_dir() else place.stem), face, str(place))

@@ -60,12 +60,18 @@ class PoseList:
 
 
 def list_poses(
-    shards: Sequence[Shard], where: str, lower: np.ndarray, default: np.ndarray, upper: np.ndarray
+    shards: Sequence[Shard],
+    where: str,
+    lower: np.ndarray,
+    default: np.ndarray,
+    upper: np.ndarray,
+    least: int = LEAST_POSES,
 ) -> PoseList:
     """Return the poses of some shards.
 
     where: the shards' folder, for messages.
     lower, default, upper: of each control; NaN for a limit that the poses decide.
+    least: how many there must be.
     Raises InputError for parameters that are not finite or farther from their defaults than anyone would set them, for
     frames that are there twice, and for too few or too many poses.
     """
@@ -98,8 +104,8 @@ def list_poses(
     others = np.flatnonzero(~of_clip)
     source = [place.get((names[k], int(frame[k])), NO_SOURCE) if names[k] != "" else NO_SOURCE for k in others]
     count, kind = (len(frames), "frames of clips") if len(frames) else (len(others), "poses")
-    if count < LEAST_POSES:
-        raise InputError(f"{where}: expected at least {LEAST_POSES} {kind}, got {count}")
+    if count < least:
+        raise InputError(f"{where}: expected at least {least} {kind}, got {count}")
     return PoseList(
         np.repeat(np.arange(len(shards)), [shard.poses for shard in shards]),
         np.concatenate([np.arange(shard.poses) for shard in shards]),
@@ -258,12 +264,17 @@ def open_folder(folder: Path) -> SampleFolder:
 
 
 def read_folder(
-    folder: Path, face: FaceFile | None = None, shards: Sequence[Path] | None = None, influence: bool = True
+    folder: Path,
+    face: FaceFile | None = None,
+    shards: Sequence[Path] | None = None,
+    influence: bool = True,
+    least: int = LEAST_POSES,
 ) -> SampleFolder:
     """Return a folder's content, of its poses only the parameters. Raises InputError for what can't be read.
 
     face, shards: the content of `face.toml` and the shards' files, where they are known already.
     influence: whether to use an `influence.npy`.
+    least: how many poses there must be.
     """
     face = read_face(folder) if face is None else face
     lines = read_controls(folder)
@@ -275,7 +286,7 @@ def read_folder(
     found = read_shards(files, len(lines), len(neutral.vertices))
     limits = (np.array([getattr(line, name) for line in lines]) for name in ("lower", "default", "upper"))
     where = shown_path(folder / FOLDER)
-    poses = list_poses(found, where, *limits)
+    poses = list_poses(found, where, *limits, least=least)
     controls, columns, remarks = limits_from_poses(lines, poses, shown_path(folder / CONTROL_FILE))
     poses = replace(poses, params=np.ascontiguousarray(poses.params[:, columns]))
     influence_files = influence_file(folder) if influence else ()

@@ -129,10 +129,11 @@ def shard_files(folder: Path) -> tuple[Path, ...]:
     return tuple(place / name for name in names)
 
 
-def read_shards(files: Sequence[Path], controls: int, vertices: int) -> tuple[Shard, ...]:
+def read_shards(files: Sequence[Path], controls: int, vertices: int | None) -> tuple[Shard, ...]:
     """Return the shards that files make up, once their headers are read.
 
-    controls, vertices: how many the rig has. Raises InputError, naming the file and the array, for any other content.
+    controls, vertices: how many the rig has, None for any number. Raises InputError, naming the file and the array, for
+    any other content.
     """
     groups: dict[str, dict[str, Path]] = {}
     ignored: dict[str, tuple[str, ...]] = {}
@@ -184,7 +185,7 @@ def _names_in(file: Path) -> list[str]:
     return names
 
 
-def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> Shard:
+def _shard(name: str, files: dict[str, Path], controls: int, vertices: int | None) -> Shard:
     where = shown_path(next(iter(files.values()), Path(name)).parent / name)
     if missing := [array for array in NEEDED if array not in files]:
         raise InputError(f"{where}: it has no array {missing[0]}: a shard needs params and vertices")
@@ -194,6 +195,8 @@ def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> S
             headers[array] = _header(stream, size)
     t = headers["params"].shape[0] if headers["params"].shape else 0
     shapes = {"params": (t, controls), "vertices": (t, vertices, 3)}
+    if vertices is None:
+        shapes["vertices"] = headers["vertices"].shape
     about = {
         "params": f": {controls} controls",
         "vertices": f": as many poses as params, {vertices} vertices of the mesh",

@@ -1,5 +1,6 @@
 """The rig of a face of shapes: the neutral and a weighted sum of offsets, and joints where they are asked for.
 
+A control with several shapes, each for a part of its way, goes through them in straight lines.
 Vertices that coincide and move alike, as on both sides of a texture's seam, are one vertex of the rig: networks would
 tear them apart. The constants' `file_vertices` say where the file's vertices are among the rig's, −1 for what is only
 shown.
@@ -65,6 +66,14 @@ def add_shapes(constants: FaceConstants, state: State) -> State:
     shapes = constants["shapes"]
     offset = (state["u"] @ shapes["fields"]).reshape(len(state["u"]), 3, -1)
     return state | {"x": constants["neutral"] + spread(offset, shapes["place"])}
+
+
+def add_shapes_in_turn(constants: FaceConstants, state: State) -> State:
+    """Add each shape times how far its control, one of `column`, has gone between `low` and `high`."""
+    shapes = constants["shapes"]
+    u, low, high = state["u"], shapes["low"], shapes["high"]
+    gone = jnp.clip(u[:, shapes["column"]], low, high) - jnp.clip(0.0, low, high)
+    return add_shapes(constants, state | {"u": gone}) | {"u": u}
 
 
 def turn_joints(constants: FaceConstants, state: State) -> State:
@@ -135,6 +144,7 @@ def pose_props(
 
 
 SHAPES = Chain("shapes", (Node("shapes", add_shapes, ("neutral", "shapes")),), pose_props, True)
+IN_TURN = Chain("shapes_in_turn", (Node("shapes", add_shapes_in_turn, ("neutral", "shapes")),), pose_props, True)
 JOINTED = Chain("shapes_and_joints", (*SHAPES.nodes, Node("joints", turn_joints, ("joints",))), pose_props, True)
 
 
@@ -149,13 +159,12 @@ def build_shape_rig(recipe: ShapeRecipe, files: Sequence[Path]) -> FaceRig:
     face, where = recipe.face, shown_path(files[0])
     source = read_source(face, tuple(files))
     joint_names = source.skin.names if source.skin is not None else ()
-    check_names(face, list(source.targets), joint_names, where)
+    by_control = [shape.control for shape in source.shapes]
+    check_names(face, by_control, joint_names, where)
 
     # which parts are approximated, and which are only shown
-    offsets = (
-        np.stack(list(source.targets.values())) if source.targets else np.zeros((0, *source.neutral.vertices.shape))
-    )
-    at_rest = np.array([source.weights.get(name, 0.0) for name in source.targets])
+    offsets = np.reshape([shape.offsets for shape in source.shapes], (-1, *source.neutral.vertices.shape))
+    at_rest = np.array([source.weights.get(name, 0.0) for name in by_control])
     vertices = source.neutral.vertices + np.tensordot(at_rest, offsets, 1)
     joints = _joints(face, source)
     moves = (np.abs(offsets).max(axis=(0, 2)) > STILL_MM) if len(offsets) else np.zeros(len(vertices), bool)
@@ -181,23 +190,31 @@ def build_shape_rig(recipe: ShapeRecipe, files: Sequence[Path]) -> FaceRig:
         None if source.neutral.uv_faces is None else source.neutral.uv_faces[ours],
         tuple(labels[ours].tolist()),
         tuple(np.array(source.neutral.materials)[ours].tolist()),
+        {name: sorted({*place[own].tolist()} - {-1}) for name, own in source.neutral.members.items()},
     )
 
     # controls, their shapes and their joints
     effect = np.abs(offsets[:, kept]).max(axis=(1, 2)) > STILL_MM if len(offsets) else np.zeros(0, bool)
-    names = [name for name, moved in zip(source.targets, effect, strict=True) if moved]
-    controls = [_control(name, face, source.weights.get(name, 0.0)) for name in names]
+    moving_shapes = [shape for shape, moved in zip(source.shapes, effect, strict=True) if moved]
+    names = list(dict.fromkeys(shape.control for shape in moving_shapes))
+    controls = [_control(name, face, source) for name in names]
     controls += [control for control in joints["controls"] if control.name not in names]
     if not controls:
         raise InputError(f"{where}: no shape moves a vertex farther than {STILL_MM:g} mm")
-    shift = _placement(vertices[kept], offsets[:, kept], list(source.targets), face, source.to_ours)
+    shift = _placement(vertices[kept], offsets[:, kept], by_control, face, source.to_ours)
     mesh = make_mesh(neutral, face.segments, vertices[kept] + shift, where)
-    shapes = np.zeros((len(controls), len(kept), 3))
-    shapes[: len(names)] = offsets[effect][:, kept]
+    column = [*(names.index(shape.control) for shape in moving_shapes), *range(len(names), len(controls))]
+    shapes = np.zeros((len(column), len(kept), 3))
+    shapes[: len(moving_shapes)] = offsets[effect][:, kept]
 
     # what the nodes read, what is shown beside it
     support = np.flatnonzero(np.abs(shapes).max(axis=(0, 2)) > 0)
-    fields = np.ascontiguousarray(shapes[:, support].transpose(0, 2, 1), np.float32).reshape(len(controls), -1)
+    way = np.ones(len(column))
+    way[: len(moving_shapes)] = [shape.way for shape in moving_shapes]
+    planes = (shapes[:, support] / way[:, None, None]).transpose(0, 2, 1)
+    fields = np.ascontiguousarray(planes, np.float32).reshape(len(column), -1)
+    limits = np.array([(shape.low, shape.high) for shape in moving_shapes]).reshape(-1, 2)
+    in_turn = {"column": np.array(column), "low": np.float32(limits[:, 0]), "high": np.float32(limits[:, 1])}
     default = np.array([control.default for control in controls], np.float32)
     constants = {
         "neutral": np.ascontiguousarray(mesh.neutral.T, np.float32),
@@ -209,10 +226,13 @@ def build_shape_rig(recipe: ShapeRecipe, files: Sequence[Path]) -> FaceRig:
     paint = _paint(source)
     props = _props(source, vertices + shift, ours, mesh.neutral, paint, joints)
     chain = JOINTED if len(joints["controls"]) else SHAPES
+    if np.isfinite(limits).any():
+        chain = IN_TURN
+        constants["shapes"] |= in_turn
     rigid = segments_named(face.rigid, mesh, where)
     parts = FaceParts(constants, props, paint[kept], chain, rigid)
     clips = tuple(Clip(name, values) for name, values in act_shapes(controls, face.acting)) or None
-    rig = _with_points(recipe, mesh, tuple(controls), clips, parts, shapes)
+    rig = _with_points(recipe, mesh, tuple(controls), clips, parts, shapes, column)
     return check_rig(rig, tolerance_mm=1e-3)
 
 
@@ -230,9 +250,13 @@ def same_rows(columns: Float[np.ndarray, "n k"]) -> tuple[Int[np.ndarray, " u"],
     return first[order], rank[place.ravel()]
 
 
-def _control(name: str, face: ShapeFace, weight: float) -> Control:
-    lower, upper = face.limits.get(name, (min(0.0, weight), max(1.0, weight)))
-    return Control(name, float(lower), float(weight), float(upper), region_of_control(name))
+def _control(name: str, face: ShapeFace, source: ShapeSource) -> Control:
+    weight = source.weights.get(name, 0.0)
+    usual = Control(name, min(0.0, weight), float(weight), max(1.0, weight), WITHOUT_REGION)
+    known = source.controls.get(name, usual)
+    lower, upper = face.limits.get(name, (known.lower, known.upper))
+    region = region_of_control(name) if known.region == WITHOUT_REGION else known.region
+    return Control(name, float(lower), known.default, float(upper), region)
 
 
 def _paint(source: ShapeSource) -> UInt8[np.ndarray, "n 3"]:
@@ -387,9 +411,13 @@ def _with_points(
     controls: tuple[Control, ...],
     clips: tuple[Clip, ...] | None,
     parts: FaceParts,
-    shapes: Float[np.ndarray, "m n 3"],
+    shapes: Float[np.ndarray, "s n 3"],
+    column: Sequence[int],
 ) -> FaceRig:
-    """Return the rig with its landmarks and control points: stated, or vertices that controls of a part move far."""
+    """Return the rig with its landmarks and control points: stated, or vertices that controls of a part move far.
+
+    column: of each shape its control.
+    """
     stated, n = recipe.face.points, len(mesh.neutral)
     local = (np.abs(shapes).max(axis=2) > STILL_MM).mean(axis=1) <= MOVES_ALL
     local &= np.abs(shapes).max(axis=(1, 2)) > 0
@@ -409,8 +437,8 @@ def _with_points(
         points, regions = np.array([v for v, _ in pairs], np.int32), tuple(region for _, region in pairs)
     else:
         points = spread_out(mesh.neutral, motion, CONTROL_POINTS)
-        strength = (shapes[:, points] ** 2).sum(axis=2) * local[:, None]  # (m, c)
-        regions = tuple(controls[k].region for k in strength.argmax(axis=0))
+        strength = (shapes[:, points] ** 2).sum(axis=2) * local[:, None]  # (s, c)
+        regions = tuple(controls[column[k]].region for k in strength.argmax(axis=0))
     return FaceRig(
         name=recipe.name,
         mesh=mesh,

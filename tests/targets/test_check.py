@@ -81,11 +81,12 @@ def test_tables_name_what_is_amiss_and_each_segment():
     assert segments_table("teen", findings()).body[0][:3] == ("jaw", "rigid, follows nothing", "5")
 
 
-def one_pose_each(folder):
-    """Write a folder with a pose for each of thirty controls, and the neutral."""
+def one_pose_each(folder, pair=False):
+    """Write a folder with a pose for each of thirty controls, and the neutral. pair: also one that moves two."""
     sample_folders.write(folder, 0)
     rest, rng, m = sample_folders.neutral(), np.random.default_rng(0), 30
-    params = np.concatenate([np.zeros((1, m)), np.eye(m)]).astype(np.float32)
+    pairs = (np.eye(m)[:1] + np.eye(m)[1:2],) if pair else ()
+    params = np.concatenate([np.zeros((1, m)), np.eye(m), *pairs]).astype(np.float32)
     places, ways = rng.uniform(-90, 90, (m, 2)), rng.normal(0, 6, (m, 3))
     away = ((rest[:, None, :2] - places) ** 2).sum(-1)
     shapes = np.exp(-away / 2 / 30**2).T[:, :, None] * ways[:, None]
@@ -101,15 +102,26 @@ def test_the_command_reports_on_samples_and_ends_with_2_where_training_can_learn
 ):
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
     monkeypatch.setattr("replicate.report.notebooks.execute", lambda source, out, given, stamp: out.write_text(stamp))
-    sound, sculpts = sample_folders.write(tmp_path / "sound"), one_pose_each(tmp_path / "sculpts")
-    assert cli.main(["check", "--profile", "quick", "--characters", str(sound), str(sculpts)]) == 2
+    sound, few = sample_folders.write(tmp_path / "sound"), one_pose_each(tmp_path / "few", pair=True)
+    assert cli.main(["check", "--profile", "quick", "--characters", str(sound), str(few)]) == 2
     printed, folder = capfd.readouterr(), tmp_path / "runs" / "quick"
-    assert printed.err.splitlines()[-1].startswith("sculpts: results would be meaningless: ")
+    assert printed.err.splitlines()[-1].startswith("few: results would be meaningless: ")
     assert "of 30 controls never move in training (s" in printed.err.splitlines()[-1]
     assert "sound: 30 vertices, 40 faces, 2 segments, 3 controls; 200 mm large (unit: mm, as its" in printed.out
-    for name in ("sound", "sculpts"):
+    for name in ("sound", "few"):
         assert read_findings(folder / f"check_{name}.csv")
         assert all(has_figure(folder / f"check_{name}{what}.png") for what in ("", "_reach"))
     capfd.readouterr()
     assert cli.main(["check", "--profile", "quick", "--characters", str(sound)]) == 0
     assert "nothing to do" in capfd.readouterr().out
+
+
+def test_a_pose_for_each_control_is_a_face_of_shapes_with_nothing_amiss(cache, tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
+    monkeypatch.setattr("replicate.report.notebooks.execute", lambda source, out, given, stamp: out.write_text(stamp))
+    sculpts = one_pose_each(tmp_path / "sculpts")
+    assert cli.main(["check", "--profile", "quick", "--characters", str(sculpts)]) == 0
+    printed = capfd.readouterr()
+    assert f"{sculpts}/poses: no pose moves more than one control, so the face is read as the sum of" in printed.err
+    assert "sculpts: 30 vertices, 40 faces, 2 segments, 30 controls; 200 mm large (unit: mm, as its" in printed.out
+    assert "never moves in training" not in printed.out and "meaningless" not in printed.out
