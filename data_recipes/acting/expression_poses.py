@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32
 
-from data_recipes.acting.arkit_names import our_pose
+from data_recipes.acting.arkit_names import LARGEST_WEIGHT, our_pose
 from data_recipes.acting.expressions import EXPRESSIONS, expression
 from data_recipes.acting.motion import pose
 from data_recipes.rig import Rig, has_function
@@ -14,16 +14,18 @@ from data_recipes.rig import Rig, has_function
 def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
     """Return a face's expressions by name, the neutral pose first, as parameters (m,) within the controls' ranges.
 
+    A control in ARKit's names whose upper limit is beyond `LARGEST_WEIGHT`, such as 100, reaches it at a weight of 1.
     A rig with neither our control names nor ARKit's has only the neutral pose; one that is known by its samples has
     some frames of its clips.
     """
     if not has_function(rig):
         return shown_frames(rig)
     columns = {control.name: index for index, control in enumerate(rig.controls)}
-    poses = {"neutral": rig.default}
+    poses, full = {"neutral": rig.default}, np.where(rig.upper > LARGEST_WEIGHT, rig.upper, 1.0)
     for name in EXPRESSIONS:
         amounts = expression(name, columns)
-        values = np.clip(pose(columns, amounts) + our_pose(columns, amounts), rig.lower, rig.upper).astype(np.float32)
+        values = pose(columns, amounts) + full * our_pose(columns, amounts)
+        values = np.clip(values, rig.lower, rig.upper).astype(np.float32)
         if values.any():
             poses[name] = values
     return poses

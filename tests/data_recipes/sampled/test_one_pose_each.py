@@ -8,7 +8,15 @@ import pytest
 import sample_folders
 from shape_faces import ARKIT, shapes_of, split_sheet
 
-from data_recipes.catalogue import build_rig, character_parts, control_names, forget_folders, load_rig, save_rig
+from data_recipes.catalogue import (
+    build_rig,
+    character_parts,
+    control_names,
+    expression_poses,
+    forget_folders,
+    load_rig,
+    save_rig,
+)
 from data_recipes.recipe_paths import character_label, check_function, in_command, sample_folder, shape_file
 from data_recipes.rig import has_function
 from replicate import __main__ as cli
@@ -83,6 +91,14 @@ def test_a_shape_is_what_a_pose_adds_for_each_unit_of_its_control(tmp_path):
     ]
     half = rig.default + np.random.default_rng(0).uniform(0, 60, (5, 6))
     assert apart(rig, vertices, half, np.tensordot((half - rig.default) / 50, shapes, 1)) < 1e-3
+
+
+def test_expressions_and_clips_of_controls_in_percent_are_as_large_as_those_of_controls_from_0_to_1(tmp_path):
+    table = "".join(f"{name},0,0,100,\n" for name in NAMES)
+    folder, *_ = write_poses(tmp_path / "a", table=table, params=100 * np.eye(7, 6, -1))
+    percent, whole = (expression_poses(build_rig(place)) for place in (folder, write_poses(tmp_path / "b")[0]))
+    assert percent.keys() == whole.keys() and len(whole) > 5
+    np.testing.assert_allclose([*percent.values()], 100 * np.array([*whole.values()]), rtol=1e-6)
 
 
 def test_a_control_with_several_poses_goes_straight_from_one_to_the_next_and_on(tmp_path, capfd):
