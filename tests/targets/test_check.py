@@ -82,11 +82,10 @@ def test_tables_name_what_is_amiss_and_each_segment():
 
 
 def one_pose_each(folder, pair=False):
-    """Write a folder with a pose for each of thirty controls, and the neutral. pair: also one that moves two."""
+    """Write a folder with a pose for each of thirty controls, and the neutral. pair: instead one that moves two."""
     sample_folders.write(folder, 0)
     rest, rng, m = sample_folders.neutral(), np.random.default_rng(0), 30
-    pairs = (np.eye(m)[:1] + np.eye(m)[1:2],) if pair else ()
-    params = np.concatenate([np.zeros((1, m)), np.eye(m), *pairs]).astype(np.float32)
+    params = np.concatenate([pair * (np.eye(m)[:1] + np.eye(m)[1:2]), np.eye(m)]).astype(np.float32)
     places, ways = rng.uniform(-90, 90, (m, 2)), rng.normal(0, 6, (m, 3))
     away = ((rest[:, None, :2] - places) ** 2).sum(-1)
     shapes = np.exp(-away / 2 / 30**2).T[:, :, None] * ways[:, None]
