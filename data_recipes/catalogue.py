@@ -17,7 +17,7 @@ from jaxtyping import Float32, Int32
 
 from data_recipes.acting import clip_file
 from data_recipes.acting.arkit_names import arkit_parts, play_weights, without_counterpart
-from data_recipes.acting.expression_poses import expression_poses
+from data_recipes.acting.expressions import expression_poses
 from data_recipes.acting.procedural_acting import Acting, act
 from data_recipes.early_checks import check_early, recipe_controls
 from data_recipes.function_rig import FunctionRig

@@ -321,7 +321,7 @@ def choose_pose(context: StageContext) -> None:
     """Choose the test pose whose forehead folds most, whatever any method predicts."""
     from replicate.approximation.metrics import unique_poses
     from replicate.drawing.scene import forehead_faces
-    from replicate.geometry.folds import most_folded
+    from replicate.geometry.mesh import most_folded
 
     mesh, samples = load_mesh(context.inputs), load_samples(context.inputs)
     forehead = forehead_faces(mesh.neutral, mesh.faces)

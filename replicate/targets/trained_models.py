@@ -7,6 +7,7 @@ of our method's shapes the first ones of each region; errors are measured after 
 """
 
 import argparse
+import copy
 import json
 import shutil
 import sys
@@ -16,7 +17,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import torch
 from jaxtyping import Int
+from torch import nn
 
 from replicate.base.command_line import guard
 from replicate.base.exceptions import InputError
@@ -35,6 +38,7 @@ from replicate.inverse import ik_stage
 from replicate.methods import artefacts, coarse, measurement, regional, trained
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
+from replicate.regional.model import RegionalModel, StoredBasis
 
 MODELS = {  # the first one's also capture a face, and have a page
     "teen": (regional.METHOD, coarse.METHOD),
@@ -126,7 +130,6 @@ def _shrunk(stage: str, artefact: Path, folder: Path) -> Path:
     from safetensors.torch import load_file, save_file
 
     from replicate.regional import model as regional_model
-    from replicate.regional.fewer_shapes import with_fewer_shapes
 
     folder.mkdir()
     for file in artefact.iterdir():
@@ -191,7 +194,6 @@ def _write_page(config: Config, inputs: Mapping[str, Path], commit: str, poses: 
     from replicate.approximation.rigid import attach
     from replicate.poser.face_page import face_page
     from replicate.poser.notebook import read_face
-    from replicate.regional.fewer_shapes import with_fewer_shapes
 
     model, name = with_fewer_shapes(regional.load_model(inputs), PAGE_SHAPES), regional.METHOD.name
     face, samples = read_face(inputs, model, name), artefacts.load_samples(inputs)
@@ -214,3 +216,34 @@ def _write_page(config: Config, inputs: Mapping[str, Path], commit: str, poses: 
 
 if __name__ == "__main__":
     sys.exit(guard(lambda: main(sys.argv[1:])))
+
+
+# A trained model with fewer shapes a region, for a smaller file: nothing is trained again.
+
+
+def with_fewer_shapes(model: RegionalModel, count: int) -> RegionalModel:
+    """Return a copy of a model with at most `count` components of each basis, the first ones, which move most."""
+    kept = [basis.steps[:count] for basis in model.bases]
+    bases = [
+        StoredBasis(b.vertices, b.weights, b.mean, b.fine[:count], b.rough[: max(0, count - len(b.fine))], steps)
+        for b, steps in zip(model.bases, kept, strict=True)
+    ]
+    firsts = np.cumsum([0, *(len(basis.steps) for basis in model.bases)])
+    rows = np.concatenate([first + np.arange(len(steps)) for first, steps in zip(firsts, kept, strict=False)])
+    network, first = copy.deepcopy(model.network), 0
+    for part in network.networks:
+        last = first + part.output.out_features
+        own = torch.from_numpy(rows[(rows >= first) & (rows < last)] - first)
+        part.output, part.line = _narrowed(part.output, own), part.line and _narrowed(part.line, own)
+        first = last
+    return RegionalModel(network, bases, model.scale.numpy(), model.length, model.vertex_count, model.rest)
+
+
+def _narrowed(layer: nn.Linear, rows: Int[torch.Tensor, " k"]) -> nn.Linear:
+    """Return a layer with some of another one's outputs."""
+    twin = nn.Linear(layer.in_features, len(rows), bias=layer.bias is not None)
+    with torch.no_grad():
+        twin.weight.copy_(layer.weight[rows])
+        if layer.bias is not None:
+            twin.bias.copy_(layer.bias[rows])
+    return twin

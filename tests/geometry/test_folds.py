@@ -5,8 +5,7 @@ import pytest
 from plane import flat_grid
 
 from replicate.base.exceptions import InputError
-from replicate.geometry.folds import fold_angles, most_folded
-from replicate.geometry.mesh import Mesh, edges, inner_edges
+from replicate.geometry.mesh import Mesh, edges, fold_angles, inner_edges, most_folded
 
 TENT = np.float32([[0, -10, 0], [0, 10, 0], [-10, 0, 0], [10, 0, 0]])
 TENT_FACES = np.int32([[0, 1, 2], [1, 0, 3]])

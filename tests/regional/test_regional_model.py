@@ -15,8 +15,8 @@ from replicate.regional.basis import (
     projection,
     split_regions,
 )
-from replicate.regional.fewer_shapes import with_fewer_shapes
 from replicate.regional.networks import GatedNetwork
+from replicate.targets.trained_models import with_fewer_shapes
 
 GENERATOR = np.random.default_rng(4)
 

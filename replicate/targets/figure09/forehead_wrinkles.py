@@ -12,8 +12,7 @@ from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import Words
 from replicate.drawing.render import render
 from replicate.drawing.scene import CAMERAS, Camera, camera_for, faces_in_view
-from replicate.geometry.folds import fold_angles
-from replicate.geometry.mesh import inner_edges
+from replicate.geometry.mesh import fold_angles, inner_edges
 from replicate.report.pose_record import (
     FIGURE09,
     TRUTH,

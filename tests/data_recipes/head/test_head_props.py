@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from data_recipes.head import hair
-from data_recipes.head.brows import COLUMNS, ROWS
 from data_recipes.head.hair_locks import head_centre
+from data_recipes.head.head_props import COLUMNS, CREST, PAIRS, ROWS, build_props
 from data_recipes.head.head_props import COLUMNS as HORN_COLUMNS
-from data_recipes.head.head_props import CREST, PAIRS, build_props
 from data_recipes.head.shape import lidded_distance, skull_distance
 from data_recipes.head.topology import build_layout
 from data_recipes.recipe.reading import load_recipe
