@@ -21,7 +21,7 @@ The same at a few vertices, for inverse kinematics       inverse/at_vertices.py:
 The same as an ONNX graph                                deployment/onnx_offsets.py: add_offsets
 The same as one C file                                   deployment/c_face.py
 The same in the posing page                              poser/front/regional.js
-A trained model with fewer shapes, in a smaller file     regional/fewer_shapes.py: with_fewer_shapes
+A trained model with fewer shapes, in a smaller file     targets/trained_models.py: with_fewer_shapes
 
 `methods/regional.py` is the place to begin: its `train` goes through all of it from top to bottom. What each choice is
 worth is in notebooks/bench_regional.ipynb, by `make bench-regional`.
