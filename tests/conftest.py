@@ -111,6 +111,7 @@ SLOW = (
     "kernels/test_pixel_kernel.py",
     "kernels/test_plain_twins.py",
     "methods/test_dense_at_equal_size.py",
+    "methods/test_morph.py",
     "methods/test_outside_method.py",
     "methods/test_pca_line.py",
     "methods/test_prediction.py",

@@ -44,6 +44,13 @@ def dense_model():
     return fresh_model(networks, SEGMENTS, SCALE, TARGETS, config, 3)
 
 
+def morph_model():
+    torch.manual_seed(8)
+    shape = {"hidden": [16, 16], "leaky_slope": 0.2, "shapes": 5}
+    networks = [dense.make_network(segment, shape) for segment in SEGMENTS]
+    return SegmentedModel(networks, SEGMENTS, SCALE, [2.0] * len(SEGMENTS), len(MESH.neutral))
+
+
 def linear_model():
     rng = np.random.default_rng(1)
     weights = [rng.normal(size=(len(s.parameters) + 1, 3 * len(s.vertices))).astype(np.float32) for s in SEGMENTS]
@@ -74,6 +81,7 @@ MODELS = {
     "coarse": coarse_model,
     "refined": refined_model,
     "dense": dense_model,
+    "morph": morph_model,
     "linear": linear_model,
     "coarse beside a line": lambda: add_line(coarse_model(), linear_model()),
     "PCA": lambda: whole_face(pca.make_network),

@@ -47,6 +47,7 @@ def compacted() -> torch.nn.Module:
     "network",
     [
         DenseNetwork(7, 40, (16, 32), 0.2),
+        DenseNetwork(7, 40, (16, 32), 0.2, shapes=9),
         Line(7, 40),
         WithLine(DenseNetwork(7, 40, (16,), 0.2), Line(7, 40)),
         SquaresLine(7, 40),

@@ -43,6 +43,16 @@ components = 40
 basis_samples = 200
 [pca_line.training]
 steps = 20
+[morph]
+shapes = 16
+hidden = [16, 16]
+[morph.training]
+steps = 10
+[morph_best]
+shapes = 16
+hidden = [16, 16]
+[morph_best.training]
+steps = 20
 [dense_compact]
 samples = 200
 [regional]
