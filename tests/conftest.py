@@ -117,6 +117,7 @@ SLOW = (
     "methods/test_prediction.py",
     "methods/test_regional.py",
     "methods/test_released.py",
+    "methods/test_ridge_products.py",
     "methods/test_squares.py",
     "methods/test_with_line.py",
     "poser",

@@ -13,6 +13,7 @@ from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.segments import Segment, coarse_segments, make_segment
 from replicate.baselines import dense
 from replicate.baselines.line import CoefficientsBesideLine, add_line, line_model
+from replicate.baselines.ridge import ProductShapes
 from replicate.baselines.skinning.bone_network import BoneNetwork
 from replicate.baselines.skinning.ssdr import Skin
 from replicate.config import CoarseConfig, DenseConfig
@@ -57,6 +58,14 @@ def linear_model():
     return line_model(SEGMENTS, weights, SCALE, len(MESH.neutral))
 
 
+def products_model():
+    torch.manual_seed(9)
+    vertices = np.arange(len(MESH.neutral), dtype=np.int32)
+    segment = Segment("mesh", vertices, np.zeros((len(vertices), 2), np.float32), np.arange(M, dtype=np.int32))
+    network = ProductShapes(torch.linspace(-0.2, 0.2, M), 5, len(vertices))
+    return SegmentedModel([network], [segment], SCALE, [1.0], len(vertices))
+
+
 def whole_face(make):
     """Return a model of one network for all that deforms, in the span of a random basis."""
     vertices = np.flatnonzero(MESH.segment < 2).astype(np.int32)
@@ -84,6 +93,7 @@ MODELS = {
     "morph": morph_model,
     "linear": linear_model,
     "coarse beside a line": lambda: add_line(coarse_model(), linear_model()),
+    "products": products_model,
     "PCA": lambda: whole_face(pca.make_network),
     "PCA beside a line": lambda: whole_face(CoefficientsBesideLine),
     "driven": driven_model,

@@ -178,7 +178,7 @@ def _results(configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]) -> li
 # reading the samples takes longer than those. Derivatives are computed before the training and make its steps longer.
 KIN = {"pca": ("dense", 1), "pca_line": ("dense", 1), "driven": ("dense", 1), "squares": ("linear", 4),
        "dense_compact": ("linear", 1), "morph": ("dense", 1), "morph_best": ("dense", 1),
-       "regional_derivatives": ("regional", 2)}  # fmt: skip
+       "ridge_products": ("rig_fits", 1), "regional_derivatives": ("regional", 2)}  # fmt: skip
 # The power of the number of controls with which a time grows: influence is found for each control, our networks have an
 # input for each, and regressions need a product for each pair.
 GROWTH = {"influence": 1, "regional": 1, "regional_derivatives": 1, "linear": 2, "squares": 2}

@@ -43,6 +43,9 @@ components = 40
 basis_samples = 200
 [pca_line.training]
 steps = 20
+[ridge_products]
+components = 60
+basis_samples = 200
 [morph]
 shapes = 16
 hidden = [16, 16]
