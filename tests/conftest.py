@@ -119,6 +119,7 @@ SLOW = (
     "methods/test_released.py",
     "methods/test_ridge_products.py",
     "methods/test_squares.py",
+    "methods/test_wide.py",
     "methods/test_with_line.py",
     "poser",
     "regional",

@@ -81,6 +81,18 @@ steps = 10
 steps = 20
 [dense_released_narrow.training]
 steps = 20
+[coarse_wide]
+map_size = 16
+hidden = [32, 128]
+channels = 5
+[coarse_wide.training]
+steps = 20
+[refined_wide]
+map_size = 32
+hidden = [32, 128]
+channels = 5
+[refined_wide.training]
+steps = 10
 [lbs]
 samples = 60
 iterations = 15
