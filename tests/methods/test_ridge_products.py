@@ -8,11 +8,11 @@ from small_face import M, SmallSamples, exact_samples, small_mesh
 from replicate.approximation.conditioning import parameter_scale
 from replicate.baselines.multiplications import of_model
 from replicate.baselines.ridge import product_features, product_kernel, product_ridges
-from replicate.methods import artefacts, ridge_products, squares
+from replicate.methods import artefacts, squares
 from replicate.methods.plan import StageSettings
 
 FEATURES = M * (M + 5) // 2
-SECTION = ridge_products.RidgeProductsConfig(components=120, strengths=(1e-10, 1e-6))
+SECTION = squares.RidgeProductsConfig(components=120, strengths=(1e-10, 1e-6))
 
 
 def paired_samples() -> SmallSamples:
@@ -30,7 +30,7 @@ def paired_samples() -> SmallSamples:
 
 def worst_mm(inputs, method) -> float:
     samples, mesh = artefacts.load_samples(inputs), small_mesh()
-    vertices = predicted(method.METHOD, inputs, samples.test_params)
+    vertices = predicted(method, inputs, samples.test_params)
     return np.abs(vertices - mesh.neutral - samples.test_offsets).max()
 
 
@@ -38,8 +38,8 @@ def worst_mm(inputs, method) -> float:
 def fitted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("products")
     inputs = write_artefacts(folder, paired_samples())
-    section = ridge_products.RidgeProductsConfig(components=400, strengths=(1e-10, 1e-6))
-    return run_stage(ridge_products.fit, inputs, "ridge_products", StageSettings(section, 0), folder)
+    section = squares.RidgeProductsConfig(components=400, strengths=(1e-10, 1e-6))
+    return run_stage(squares.fit_products, inputs, "ridge_products", StageSettings(section, 0), folder)
 
 
 def test_a_rig_of_pairs_is_matched_where_squares_are_far_off(fitted, tmp_path):
@@ -47,20 +47,20 @@ def test_a_rig_of_pairs_is_matched_where_squares_are_far_off(fitted, tmp_path):
     section = StageSettings(squares.default_section("quick"), 0)
     inputs, _ = run_stage(squares.fit, inputs, "squares", section, tmp_path)
     motion = np.abs(artefacts.load_samples(inputs).test_offsets).max()
-    assert worst_mm(inputs, ridge_products) < 1e-3 * motion < 0.1 * motion < worst_mm(inputs, squares)
+    assert worst_mm(inputs, squares.PRODUCTS) < 1e-3 * motion < 0.1 * motion < worst_mm(inputs, squares.SQUARES)
     assert notes["strength"] == 1e-10, "no penalty is needed where there is no noise"
 
 
 def test_the_neutral_pose_is_exact(fitted):
     inputs, _ = fitted
     rest = artefacts.load_samples(inputs).default[None]
-    np.testing.assert_array_equal(predicted(ridge_products.METHOD, inputs, rest)[0], small_mesh().neutral)
+    np.testing.assert_array_equal(predicted(squares.PRODUCTS, inputs, rest)[0], small_mesh().neutral)
 
 
 def test_features_and_components_count_in_size_and_work(fitted):
     inputs, notes = fitted
     weights = notes["components"] * (FEATURES + 3 * len(small_mesh().neutral))
-    assert of_model(ridge_products.load_model(inputs)) == weights
+    assert of_model(squares.load_products(inputs)) == weights
     assert notes["size_mb"] == pytest.approx(4e-6 * weights)
 
 
@@ -85,8 +85,8 @@ def test_parameters_count_from_their_defaults(tmp_path):
     facts = json.loads(file.read_text())
     default = np.linspace(-0.3, 0.3, M)
     file.write_text(json.dumps(facts | {"default": default.tolist()}))
-    inputs, _ = run_stage(ridge_products.fit, inputs, "ridge_products", StageSettings(SECTION, 0), tmp_path)
+    inputs, _ = run_stage(squares.fit_products, inputs, "ridge_products", StageSettings(SECTION, 0), tmp_path)
     scale = parameter_scale(artefacts.load_samples(inputs).params)
     assert (scale != 1).any()
-    rest = predicted(ridge_products.METHOD, inputs, default.astype(np.float32)[None])
+    rest = predicted(squares.PRODUCTS, inputs, default.astype(np.float32)[None])
     np.testing.assert_array_equal(rest[0], small_mesh().neutral)
