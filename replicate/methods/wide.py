@@ -89,7 +89,7 @@ METHODS = (
         model=load_coarse_model,
         default_section=coarse_section,
         note=NOTE,
-        mark="‡",
+        mark="△",
     ),
     variant(
         refined.METHOD,
@@ -100,6 +100,6 @@ METHODS = (
         model=load_refined_model,
         default_section=refined_section,
         note=NOTE,
-        mark="‡",
+        mark="△",
     ),
 )
