@@ -5,12 +5,12 @@ those of `pca` the shapes are trained with it: Unreal's ML Deformer in its globa
 
 `morph` is the recipe of Unreal's documentation: 128 shapes, two hidden layers of 128, the mean absolute error of
 vertices, Adam at 1e-3 throughout, 5,000 batches of 128, offsets less their mean in units of their standard deviation.
-`morph_best` has the training of our dense networks: Eq. 1, its schedule and as many steps. Two sizes were tried in short
-trainings. On validation poses 256 shapes and layers of 256 are nearer than 128 and 128: 1.76 mm and 3.09° instead of
-1.95 mm and 3.15° on the toon (1,500 steps), 1.87 mm and 2.46° instead of 1.98 mm and 2.47° on the teen (600 steps).
+`morph_best` has the training of our dense networks: Eq. 1, its schedule and as many steps. Two sizes were tried in
+short trainings. On validation poses 256 shapes and layers of 256 are nearer than 128 and 128: 1.76 mm and 3.09° instead
+of 1.95 mm and 3.15° on the toon (1,500 steps), 1.87 mm and 2.46° instead of 1.98 mm and 2.47° on the teen (600 steps).
 
-What the documentation leaves open is as in our networks: leaky ReLUs, first weights, and controls divided by the largest
-value of each. Rest is not exact, as in the model itself.
+What the documentation leaves open is as in our networks: leaky ReLUs, first weights, and controls divided by the
+largest value of each. Rest is not exact, as in the model itself.
 """
 
 from collections.abc import Mapping
