@@ -3,7 +3,7 @@
 The last dense layer has 2,048 units in place of 512, which are 8×8 pixels of 32 channels, and every convolution has 32
 channels in place of 16; all else, schedule and steps too, is that of `coarse` and `refined`. The widths were chosen
 once, on validation poses, for all characters: `make bench-decoder` compares them. The compiled kernels are for 16
-channels, so that a step takes several times as long as one of `coarse`.
+channels, so that a step takes about three times as long as one of `coarse`.
 """
 
 from collections.abc import Callable, Mapping
