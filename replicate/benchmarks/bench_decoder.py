@@ -129,7 +129,8 @@ def few_stage(training: Few) -> Stage:
     plan, config = Plan(training.config), training.config
     section = config.coarse if training.method == "coarse" else config.dense
     settings = FewSettings(section, config.seed, config.device, training.poses, training.free)
-    return plan.stage("few", train_few, settings, *inputs_of_networks(plan))
+    function = f"replicate.benchmarks.{TABLE}:{train_few.__name__}"  # also where the module is the program itself
+    return plan.stage("few", function, settings, *inputs_of_networks(plan))
 
 
 def train_few(context: StageContext) -> None:

@@ -1,5 +1,6 @@
 """What limits the networks: each training changes what it says, and codes of their own are what dense layers make."""
 
+import runpy
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from replicate.approximation import cnn
 from replicate.benchmarks import bench_decoder
 from replicate.benchmarks.bench_decoder import CHANGES, FewSettings, decoder_tables, few_trainings, variants
 from replicate.config import CoarseConfig, DenseConfig, TrainingConfig, resolve
+from replicate.engine.stage import StageContext, stage_function
 from replicate.engine.store import artefact_folder
 from replicate.methods import artefacts
 from replicate.report.results import Row
@@ -85,8 +87,6 @@ def test_a_stopped_fit_goes_on_where_it_was(tmp_path, monkeypatch):
     first = run_stage(bench_decoder.train_few, inputs, "few", settings, tmp_path)[1]
     (tmp_path / "few").rename(tmp_path / "before")
     (tmp_path / "few").mkdir()
-    from replicate.engine.stage import StageContext
-
     context = StageContext("few", settings, inputs, tmp_path / "few", tmp_path / "few-scratch")
     bench_decoder.train_few(context)
     assert context.notes == first
@@ -123,6 +123,13 @@ def test_few_poses_and_all_samples_have_a_table_each():
 def test_a_schedule_without_steps_is_refused(capsys):
     assert bench_decoder.main(["--steps", "0"]) == 2
     assert "steps: expected a whole number of at least 1, got 0" in capsys.readouterr().err
+
+
+def test_other_processes_find_its_stages_where_the_benchmark_is_the_program():
+    program = runpy.run_module("replicate.benchmarks.bench_decoder", run_name="program")
+    (training, *_), (here, *_) = (few("tiny", "quick", 5) for few in (program["few_trainings"], few_trainings))
+    assert program["few_stage"](training).function == bench_decoder.few_stage(here).function
+    assert stage_function(bench_decoder.few_stage(here).function) is bench_decoder.train_few
 
 
 def test_a_part_is_made_alone_and_kept(monkeypatch, tmp_path):
