@@ -129,8 +129,7 @@ def few_stage(training: Few) -> Stage:
     plan, config = Plan(training.config), training.config
     section = config.coarse if training.method == "coarse" else config.dense
     settings = FewSettings(section, config.seed, config.device, training.poses, training.free)
-    function = f"replicate.benchmarks.{TABLE}:{train_few.__name__}"  # also where the module is the program itself
-    return plan.stage("few", function, settings, *inputs_of_networks(plan))
+    return plan.stage("few", train_few, settings, *inputs_of_networks(plan))
 
 
 def train_few(context: StageContext) -> None:
@@ -354,4 +353,6 @@ def compare(character: str, options: argparse.Namespace) -> list[Row]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from replicate.benchmarks import bench_decoder  # other processes find the stages of a module, not of __main__
+
+    sys.exit(bench_decoder.main())
