@@ -13,6 +13,7 @@ from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.segments import Segment, coarse_segments, make_segment
 from replicate.baselines import dense
 from replicate.baselines.line import CoefficientsBesideLine, add_line, line_model
+from replicate.baselines.ridge import ProductShapes
 from replicate.baselines.skinning.bone_network import BoneNetwork
 from replicate.baselines.skinning.ssdr import Skin
 from replicate.config import CoarseConfig, DenseConfig
@@ -44,10 +45,25 @@ def dense_model():
     return fresh_model(networks, SEGMENTS, SCALE, TARGETS, config, 3)
 
 
+def morph_model():
+    torch.manual_seed(8)
+    shape = {"hidden": [16, 16], "leaky_slope": 0.2, "shapes": 5}
+    networks = [dense.make_network(segment, shape) for segment in SEGMENTS]
+    return SegmentedModel(networks, SEGMENTS, SCALE, [2.0] * len(SEGMENTS), len(MESH.neutral))
+
+
 def linear_model():
     rng = np.random.default_rng(1)
     weights = [rng.normal(size=(len(s.parameters) + 1, 3 * len(s.vertices))).astype(np.float32) for s in SEGMENTS]
     return line_model(SEGMENTS, weights, SCALE, len(MESH.neutral))
+
+
+def products_model():
+    torch.manual_seed(9)
+    vertices = np.arange(len(MESH.neutral), dtype=np.int32)
+    segment = Segment("mesh", vertices, np.zeros((len(vertices), 2), np.float32), np.arange(M, dtype=np.int32))
+    network = ProductShapes(torch.linspace(-0.2, 0.2, M), 5, len(vertices))
+    return SegmentedModel([network], [segment], SCALE, [1.0], len(vertices))
 
 
 def whole_face(make):
@@ -74,8 +90,10 @@ MODELS = {
     "coarse": coarse_model,
     "refined": refined_model,
     "dense": dense_model,
+    "morph": morph_model,
     "linear": linear_model,
     "coarse beside a line": lambda: add_line(coarse_model(), linear_model()),
+    "products": products_model,
     "PCA": lambda: whole_face(pca.make_network),
     "PCA beside a line": lambda: whole_face(CoefficientsBesideLine),
     "driven": driven_model,

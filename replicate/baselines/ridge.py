@@ -45,31 +45,46 @@ class ProductRidge:
     """A fit.
 
     inputs: (N, m), those that it was fitted to. weights: (N, d), of these. means: (N,), of the kernel's rows before it
-    was centred. constant: (d,), the targets' mean.
+    was centred; None for a fit through zero. constant: (d,), the targets' mean, or zeros.
     """
 
     inputs: np.ndarray
     weights: np.ndarray
-    means: np.ndarray
+    means: np.ndarray | None
     constant: np.ndarray
 
     def __call__(self, inputs: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b d"]:
         """Return the fit's predictions for some inputs."""
         kernel = product_kernel(inputs, self.inputs)
-        kernel -= kernel.mean(1, keepdims=True)
-        kernel -= self.means - self.means.mean()
+        if self.means is not None:
+            kernel -= kernel.mean(1, keepdims=True)
+            kernel -= self.means - self.means.mean()
         return kernel @ self.weights + self.constant
+
+    def matrix(self) -> Float64[np.ndarray, "k d"]:
+        """Return the weights of the features themselves, in the order of `product_features`, of a fit through zero."""
+        starts = range(0, len(self.inputs), ROWS)
+        parts = ((self.inputs[start : start + ROWS], self.weights[start : start + ROWS]) for start in starts)
+        return sum(product_features(inputs).T @ weights for inputs, weights in parts)
 
 
 def product_ridges(
-    inputs: Float[np.ndarray, "n m"], targets: Float[np.ndarray, "n d"], strengths: tuple[float, ...]
+    inputs: Float[np.ndarray, "n m"],
+    targets: Float[np.ndarray, "n d"],
+    strengths: tuple[float, ...],
+    through_zero: bool = False,
 ) -> Iterator[ProductRidge]:
-    """Yield the fit for each strength λ; each takes a factorisation of an n × n matrix."""
+    """Yield the fit for each strength λ; each takes a factorisation of an n × n matrix.
+
+    through_zero: whether there is no constant, so that inputs of zero give zero.
+    """
     inputs = np.asarray(inputs, np.float64)
     gram, n = product_kernel(inputs, inputs), len(inputs)
-    means, constant = gram.mean(0), targets.mean(0, dtype=np.float64)
-    gram -= means
-    gram -= means[:, None] - means.mean()
+    means, constant = None, np.zeros(targets.shape[1])
+    if not through_zero:
+        means, constant = gram.mean(0), targets.mean(0, dtype=np.float64)
+        gram -= means
+        gram -= means[:, None] - means.mean()
     matrix = np.empty_like(gram)
     for strength in strengths:
         np.copyto(matrix, gram)
@@ -208,3 +223,32 @@ def squares_model(
         networks.append(SquaresLine(len(segment.parameters), len(segment.vertices)))
         networks[-1].line.set_weights(weight)
     return SegmentedModel(networks, segments, scale, [1.0] * len(networks), vertex_count)
+
+
+# Offsets that are linear in those features and in all products of two parameters.
+
+
+class ProductShapes(nn.Module):
+    """(b, m) scaled parameters → (b, k, 3) offsets in mm: features of `product_features` mix c shapes.
+
+    rest: (m,), the scaled parameters of the neutral pose, from which features count, so that it is exact.
+    """
+
+    rest: torch.Tensor
+    first: torch.Tensor
+    second: torch.Tensor
+
+    def __init__(self, rest: torch.Tensor, shapes: int, vertices: int):
+        super().__init__()
+        count = len(rest)
+        self.weights = nn.Linear(feature_count("products", count), shapes, bias=False)
+        self.shapes = nn.Linear(shapes, 3 * vertices, bias=False)
+        self.register_buffer("rest", rest)
+        for name, indices in zip(("first", "second"), np.triu_indices(count, 1), strict=True):
+            self.register_buffer(name, torch.from_numpy(indices), persistent=False)
+
+    def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b k 3"]:
+        x = params - self.rest
+        pairs = x.index_select(1, self.first) * x.index_select(1, self.second)
+        features = torch.cat([x, x.abs(), x.square(), pairs], dim=1)
+        return self.shapes(self.weights(features)).unflatten(1, (-1, 3))

@@ -148,6 +148,10 @@ def _getitem(recorder: _Recorder, x: torch.Tensor, index: object) -> str:
     return recorder.graph.node("Unsqueeze", recorder.value(x), recorder.graph.integers(axes))
 
 
+def _index_select(recorder: _Recorder, x: torch.Tensor, dim: int, index: torch.Tensor) -> str:
+    return recorder.graph.gather(recorder.value(x), index.numpy(), dim)
+
+
 def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int]) -> str:
     return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.integers(np.atleast_1d(dim)))
 
@@ -196,6 +200,7 @@ CONVERTERS = {
     "cat": _cat,
     "stack": _stack,
     "getitem": _getitem,
+    "index_select": _index_select,
     "squeeze": _squeeze,
     "sum": _sum,
     "ones_like": _ones_like,

@@ -25,7 +25,7 @@ class DensePlan(NamedTuple):
     weights: flat, each layer's [in, out] segment by segment, with the length of offsets in mm folded in.
     biases: flat, of the hidden layers.
     places: (3k,), the vertices at rest plus the last layer's bias, mm.
-    slope: of the leaky ReLUs.
+    slopes: (h,), of the leaky ReLUs.
     """
 
     scale: np.ndarray
@@ -36,7 +36,7 @@ class DensePlan(NamedTuple):
     weights: np.ndarray
     biases: np.ndarray
     places: np.ndarray
-    slope: np.float32
+    slopes: np.ndarray
 
 
 def plan_dense(model: SegmentedModel, neutral: Float32[np.ndarray, "n 3"], halves: bool) -> DensePlan:
@@ -62,7 +62,7 @@ def plan_dense(model: SegmentedModel, neutral: Float32[np.ndarray, "n 3"], halve
         without_loss(np.concatenate(weights), halves),
         np.concatenate([*biases, np.zeros(0, np.float32)]),
         np.concatenate(places).astype(np.float32),
-        np.float32(getattr(first, "slope", 1)),
+        np.array(first.slopes if isinstance(first, DenseNetwork) else [], np.float32),
     )
 
 
@@ -98,8 +98,9 @@ def place_segments(
             y = sums[layer % 2, :width]
             y[:] = plan.biases[bias : bias + width]
             add_products(x, plan.weights, weight, width, y, rows)
+            slope = plan.slopes[layer]
             for k in range(width):
-                y[k] = max(y[k], plan.slope * y[k])
+                y[k] = max(y[k], slope * y[k])
             weight, bias = weight + len(x) * width, bias + width
             x = y
         y = moved[: 3 * count]

@@ -16,6 +16,7 @@ import numpy as np
 from replicate.base.schema import Checked, number
 from replicate.config import ConditioningConfig, TrainingConfig
 from replicate.engine.stage import Stage, StageContext
+from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
@@ -117,35 +118,74 @@ def train_on_basis(context: StageContext, make: Callable, start: Callable) -> No
     """
     import torch
 
-    from replicate.approximation.conditioning import parameter_scale
-    from replicate.approximation.losses import Supervision
-    from replicate.approximation.model import SegmentedModel, save_model
+    from replicate.approximation.model import save_model
+
+    settings, section = context.config, context.config.section
+    mesh, samples, segment = whole_face(context.inputs)
+    basis, mean = components(samples, segment.vertices, section, settings.seed)
+    shapes = (torch.from_numpy(basis), torch.from_numpy(mean))
+    network = make(len(segment.parameters), *shapes, section.hidden, section.leaky_slope)
+    model = model_of(network, segment, samples, mesh)
+    notes = start(model, samples, section, torch.Generator().manual_seed(settings.seed))
+    log = train_model(context, model, samples, mesh)
+    facts = {"hidden": list(section.hidden), "leaky_slope": section.leaky_slope, "components": len(basis)}
+    save_model(model, context.out, facts)
+    write_training(context, model, log)
+    context.note(size_mb=model.size_mb() + (basis.size + mean.size) * 4 / 1e6, components=len(basis), **notes)
+
+
+# One network for the whole face, whatever it consists of.
+
+
+def whole_face(
+    inputs: Mapping[str, Path],
+) -> "tuple[Mesh, replicate.approximation.samples.SampleSet, replicate.approximation.segments.Segment]":
+    """Return mesh and samples, and all deformable vertices as one segment that sees every control."""
     from replicate.approximation.segments import Segment, segment_vertices
+
+    mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
+    vertices = np.sort(segment_vertices(artefacts.load_coarse_segments(inputs, mesh)))
+    count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
+    return mesh, samples, Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
+
+
+def model_of(
+    network: "torch.nn.Module",
+    segment: "replicate.approximation.segments.Segment",
+    samples: "replicate.approximation.samples.SampleSet",
+    mesh: Mesh,
+) -> "replicate.approximation.model.SegmentedModel":
+    """Return a network for the whole face, which predicts mm, as a model."""
+    from replicate.approximation.conditioning import parameter_scale
+    from replicate.approximation.model import SegmentedModel
+
+    return SegmentedModel([network], [segment], parameter_scale(samples.params), [1.0], len(mesh.neutral))
+
+
+def train_model(
+    context: StageContext,
+    model: "replicate.approximation.model.SegmentedModel",
+    samples: "replicate.approximation.samples.SampleSet",
+    mesh: Mesh,
+) -> list[dict]:
+    """Train a model on Eq. 1, in place; return its log. The stage's name is the stream of draws."""
+    import torch
+
+    from replicate.approximation.losses import Supervision
     from replicate.approximation.training import prepare
     from replicate.approximation.training import train as minimise
 
     settings, section, name = context.config, context.config.section, context.name
     device = prepare(settings.device)
-    # one segment of all deformable vertices, which sees every control
-    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
-    vertices = np.sort(segment_vertices(artefacts.load_coarse_segments(context.inputs, mesh)))
-    count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
-    segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
-    # its basis and the untrained network
-    basis, mean = components(samples, segment.vertices, section, settings.seed)
-    network = make(count, torch.from_numpy(basis), torch.from_numpy(mean), section.hidden, section.leaky_slope)
-    model = SegmentedModel([network], [segment], parameter_scale(samples.params), [1.0], len(mesh.neutral))
-    notes = start(model, samples, section, torch.Generator().manual_seed(settings.seed))
-    model = model.to(device)
-    # the training
-    supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)
+    model.to(device)
+    supervision = Supervision(mesh, samples, model.vertices, section.normal_weight, device)
 
     def loss_of_step(step: int) -> torch.Tensor:
         params, target = supervision.batch(settings.seed, name, step, section.training)
         return supervision.loss(model(params), target)
 
     validation = supervision.validation()
-    log = minimise(
+    return minimise(
         model,
         loss_of_step,
         section.training,
@@ -154,10 +194,6 @@ def train_on_basis(context: StageContext, make: Callable, start: Callable) -> No
         name,
         lambda: validation(model.offsets),
     )
-    facts = {"hidden": list(section.hidden), "leaky_slope": section.leaky_slope, "components": len(basis)}
-    save_model(model, context.out, facts)
-    write_training(context, model, log)
-    context.note(size_mb=model.size_mb() + (basis.size + mean.size) * 4 / 1e6, components=len(basis), **notes)
 
 
 def components(

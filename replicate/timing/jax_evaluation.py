@@ -138,8 +138,8 @@ def _(network: WithLine) -> Traced | None:
 @traced.register
 def _(network: DenseNetwork) -> Traced:
     layers = [*network.hidden, network.output]
-    slope = network.slope
-    return Traced(list(map(_transposed, layers)), lambda w, x: _layers(w, x, slope).reshape(-1, 3))
+    slopes = network.slopes
+    return Traced(list(map(_transposed, layers)), lambda w, x: _layers(w, x, slopes).reshape(-1, 3))
 
 
 @traced.register
@@ -176,12 +176,13 @@ def _(network: MapNetwork) -> Traced:
     ]
     output = [network.output.weight.detach().numpy()[:, :, 0, 0].T.copy(), network.output.bias.detach().numpy()]
     pixels, shares, slope = network.pixels.numpy(), network.shares.numpy(), network.slope
+    slopes = (slope,) * (len(dense) - 1)
 
     def offsets(weights: list, params: "jax.Array") -> "jax.Array":
         import jax
 
         dense, kernels, (weight, bias), shares = weights
-        x = _layers(dense, params, slope).reshape(1, START, START, -1)
+        x = _layers(dense, params, slopes).reshape(1, START, START, -1)
         for k, (kernel, constant) in enumerate(kernels):
             if k + 1 < len(kernels):  # the last convolution keeps the map's size
                 x = x.repeat(2, axis=1).repeat(2, axis=2)
@@ -193,11 +194,11 @@ def _(network: MapNetwork) -> Traced:
     return Traced([dense, kernels, output, shares], offsets)
 
 
-def _layers(weights: list, x: "jax.Array", slope: float) -> "jax.Array":
-    """Return the output of dense layers, of which all but the last are followed by a leaky ReLU."""
+def _layers(weights: list, x: "jax.Array", slopes: Sequence[float]) -> "jax.Array":
+    """Return the output of dense layers, of which all but the last are followed by a leaky ReLU of these slopes."""
     import jax
 
-    for weight, bias in weights[:-1]:
+    for (weight, bias), slope in zip(weights[:-1], slopes, strict=True):
         x = jax.nn.leaky_relu(x @ weight + bias, slope)
     return x @ weights[-1][0] + weights[-1][1]
 

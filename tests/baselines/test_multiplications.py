@@ -13,7 +13,7 @@ from replicate.baselines.dense import DenseNetwork
 from replicate.baselines.line import CoefficientsBesideLine, Line, WithLine
 from replicate.baselines.low_rank_dense import low_rank, output_components
 from replicate.baselines.multiplications import of_blend, of_model, of_network
-from replicate.baselines.ridge import SquaresLine
+from replicate.baselines.ridge import ProductShapes, SquaresLine
 from replicate.baselines.skinning.bone_network import BoneNetwork
 from replicate.baselines.skinning.ssdr import Skin
 from replicate.methods.pca import make_network
@@ -47,9 +47,11 @@ def compacted() -> torch.nn.Module:
     "network",
     [
         DenseNetwork(7, 40, (16, 32), 0.2),
+        DenseNetwork(7, 40, (16, 32), 0.2, shapes=9),
         Line(7, 40),
         WithLine(DenseNetwork(7, 40, (16,), 0.2), Line(7, 40)),
         SquaresLine(7, 40),
+        ProductShapes(torch.zeros(7), 6, 40),
         make_network(7, *basis(), (16,), 0.2),
         CoefficientsBesideLine(7, *basis(), (16,), 0.2),
         compacted(),

@@ -45,6 +45,10 @@ def dense_networks():
     return of_networks(dense.make_network, SEGMENTS, {"hidden": [24, 40], "leaky_slope": 0.2})
 
 
+def morphs():
+    return of_networks(dense.make_network, SEGMENTS, {"hidden": [24, 40], "leaky_slope": 0.2, "shapes": 9})
+
+
 def lines():
     model = of_networks(lambda segment, _: Line(len(segment.parameters), len(segment.vertices)), SEGMENTS, {})
     for network in model.networks:
@@ -77,6 +81,7 @@ MODELS = {
     "coarse": coarse,
     "refined": refined,
     "dense": dense_networks,
+    "morphs": morphs,
     "linear": lines,
     "regional": regional,
     "regional without gates and line": lambda: regional(False, False),
@@ -99,7 +104,7 @@ def test_every_pose_is_the_models_own(name):
         np.testing.assert_allclose(posed[0], expected, atol=1e-3, err_msg=name)
 
 
-@pytest.mark.parametrize("name", ["coarse", "refined", "dense", "linear"])
+@pytest.mark.parametrize("name", ["coarse", "refined", "dense", "morphs", "linear"])
 def test_halves_are_off_by_what_sixteen_bits_round(name):
     model = MODELS[name]()
     evaluate = fast_evaluation(model, MESH, ATTACHMENTS, halves=True)

@@ -24,16 +24,16 @@ def bent_samples() -> SmallSamples:
 
 def worst_mm(inputs, method) -> float:
     samples, mesh = artefacts.load_samples(inputs), small_mesh()
-    vertices = predicted(method.METHOD, inputs, samples.test_params)
+    vertices = predicted(method, inputs, samples.test_params)
     return np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].max()
 
 
 def test_a_rig_of_lines_moduli_and_squares_is_matched_where_a_line_is_far_off(tmp_path):
     inputs = write_artefacts(tmp_path, bent_samples())
     for method in (linear, squares):
-        name = method.METHOD.name
+        name = method.__name__.rpartition(".")[2]
         inputs, notes = run_stage(method.fit, inputs, name, StageSettings(method.default_section("quick"), 0), tmp_path)
-    assert worst_mm(inputs, squares) < 2e-3 < 0.1 < worst_mm(inputs, linear)
+    assert worst_mm(inputs, squares.SQUARES) < 2e-3 < 0.1 < worst_mm(inputs, linear.METHOD)
     assert notes["strength"] == min(squares.default_section("quick").strengths), (
         "no penalty is needed where there is no noise"
     )
@@ -51,7 +51,7 @@ def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
     section = linear.LinearConfig(strengths=(10.0, 1e-6, 1.0))
     inputs, notes = run_stage(squares.fit, write_artefacts(tmp_path), "squares", StageSettings(section, 0), tmp_path)
     samples, mesh = artefacts.load_samples(inputs), small_mesh()
-    vertices = predicted(squares.METHOD, inputs, samples.validation_params)
+    vertices = predicted(squares.SQUARES, inputs, samples.validation_params)
     loss = np.square(vertices - mesh.neutral - samples.validation_offsets)
     still = np.square(samples.validation_offsets)
     assert notes["strength"] == 1e-6

@@ -43,6 +43,19 @@ components = 40
 basis_samples = 200
 [pca_line.training]
 steps = 20
+[ridge_products]
+components = 60
+basis_samples = 200
+[morph]
+shapes = 16
+hidden = [16, 16]
+[morph.training]
+steps = 10
+[morph_best]
+shapes = 16
+hidden = [16, 16]
+[morph_best.training]
+steps = 20
 [dense_compact]
 samples = 200
 [regional]
@@ -68,6 +81,18 @@ steps = 10
 steps = 20
 [dense_released_narrow.training]
 steps = 20
+[coarse_wide]
+map_size = 16
+hidden = [32, 128]
+channels = 5
+[coarse_wide.training]
+steps = 20
+[refined_wide]
+map_size = 32
+hidden = [32, 128]
+channels = 5
+[refined_wide.training]
+steps = 10
 [lbs]
 samples = 60
 iterations = 15

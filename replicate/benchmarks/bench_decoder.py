@@ -1,0 +1,358 @@
+"""What limits the paper's networks: the decoder from a few hundred numbers to a map, the numbers, or the steps.
+
+`make bench-decoder` trains at one short schedule, and takes the networks apart in four ways:
+
+- *few poses*: 8, 64 and 512 training poses alone, and the errors on these very poses. Networks with room for more than
+  a pose has can learn them by heart; what they miss is beyond their layers, or their steps.
+- *free codes*: in place of the dense layers each of 512 poses has numbers of its own, trained with the convolutions.
+  Then the convolutions stay as they are, and numbers are fitted to validation poses: the decoder's floor, which dense
+  layers can't go below with these convolutions.
+- *widths*: the numbers that make a map ("start") and the channels of convolutions, on all samples.
+- *steps*: the schedule once, twice, four and eight times as long, for the paper's networks, dense ones and ours.
+
+Beside the first two stands the maps' floor (Eq. 2) on the same poses. Other errors are those of the validation poses,
+which are held out of the training animation; test poses are not used. Trainings are stages in the cache, so that a
+stopped run goes on where it was. `--only "free codes"` runs a part.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from replicate.benchmarks.common import (
+    add_count,
+    add_only,
+    answer,
+    cell,
+    in_groups,
+    make_parser,
+    make_stages,
+    publish,
+    selected,
+    split_names,
+)
+from replicate.benchmarks.variants import COLUMNS, Variant, train_variants, variants_tables
+from replicate.config import CoarseConfig, Config, resolve
+from replicate.engine.stage import Stage, StageContext
+from replicate.engine.store import artefact_folder, read_manifest
+from replicate.methods import artefacts
+from replicate.methods.method_registry import method_named, sections
+from replicate.methods.plan import Plan, TrainingSettings
+from replicate.methods.training_stage import LOG, inputs_of_networks
+from replicate.report.results import Row, characters_of
+from replicate.report.tables import Table
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
+    import replicate.approximation.samples
+    import replicate.approximation.segments
+
+ABOUT = "what limits the paper's networks: their decoders, their widths or their steps"
+WRITES = "results/runs/bench/bench_decoder.csv"
+TABLE = "bench_decoder"
+STEPS = 4_000
+POSES, CODED = (8, 64, 512), 512  # training poses that are learned by heart; those that have free codes
+BY_HEART = ((512, 16), (512, 32), (2_048, 16), (2_048, 32), (2_048, 48))  # start and channels
+FREE = ((512, 16), (2_048, 16), (2_048, 32))
+STARTS, CHANNELS = (512, 1_024, 2_048), (16, 32, 48)
+DEEPER = "start 512, 16 channels, one more dense layer"
+TIMES = (1, 2, 4, 8)
+STEPPED = ("coarse", "dense", "regional")
+MEASURED = 64  # of the few poses, spread over them: where a training is measured as it goes
+METRICS = {  # metric → unit, header
+    "few_vertex_error": ("mm", "mm"),
+    "few_normal_error": ("deg", "degrees"),
+    "few_floor": ("deg", "maps' floor, degrees"),
+    "fitted_vertex_error": ("mm", "fitted: mm"),
+    "fitted_normal_error": ("deg", "fitted: degrees"),
+    "fitted_floor": ("deg", "maps' floor, degrees"),
+}
+
+
+def widths(start: int, channels: int) -> str:
+    """Return what a decoder is called."""
+    return f"start {start}, {channels} channels"
+
+
+# The trainings on a few poses.
+
+
+@dataclass(frozen=True)
+class Few:
+    """A training on a few poses: of which method, its name, its settings, how many poses, and if these have codes."""
+
+    method: str
+    change: str
+    config: Config
+    poses: int
+    free: bool = False
+
+    def __str__(self) -> str:
+        """Return what the training is called."""
+        return f"{self.method}, {self.change}"
+
+
+@dataclass(frozen=True)
+class FewSettings(TrainingSettings):
+    """The settings of a training on a few poses. section: of CNNs or dense networks; free: whether poses have codes."""
+
+    poses: int
+    free: bool
+
+
+def few_trainings(character: str, profile: str, steps: int) -> list[Few]:
+    """Return the trainings on a few poses of one character, at a schedule of `steps`."""
+    schedule, first = {"steps": steps}, resolve(character, profile).coarse.hidden[:-1]
+
+    def of_maps(start: int, channels: int, hidden: Sequence[int]) -> Config:
+        section = {"hidden": [*hidden, start], "channels": channels, "training": schedule}
+        return resolve(character, profile, {"coarse": section})
+
+    found = []
+    for poses in POSES:
+        for start, channels in BY_HEART:
+            words = f"{poses} poses, {widths(start, channels)}"
+            found.append(Few("coarse", words, of_maps(start, channels, first), poses))
+        dense = resolve(character, profile, {"dense": {"training": schedule}})
+        found.append(Few("dense", f"{poses} poses", dense, poses))
+    free = (Few("coarse", f"free codes, {widths(*shape)}", of_maps(*shape, ()), CODED, True) for shape in FREE)
+    return [*found, *free]
+
+
+def few_stage(training: Few) -> Stage:
+    """Return the stage of a training on a few poses."""
+    plan, config = Plan(training.config), training.config
+    section = config.coarse if training.method == "coarse" else config.dense
+    settings = FewSettings(section, config.seed, config.device, training.poses, training.free)
+    return plan.stage("few", train_few, settings, *inputs_of_networks(plan))
+
+
+def train_few(context: StageContext) -> None:
+    """Train networks on a few poses, and note their errors on these; with free codes, on validation poses too."""
+    from replicate.approximation import cnn
+    from replicate.approximation.conditioning import parameter_scale
+    from replicate.approximation.losses import spread
+    from replicate.approximation.training import train_segments, write_log
+    from replicate.baselines import dense
+
+    settings, section = context.config, context.config.section
+    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
+    segments = artefacts.load_coarse_segments(context.inputs, mesh)
+    # the poses, and what networks see of them
+    rows = spread(len(samples), settings.poses)
+    few = posed(samples, np.asarray(samples.params[rows]), samples.offsets(rows))
+    scale = parameter_scale(samples.params)
+    if settings.free:
+        segments, codes = with_codes(segments, len(few))
+        few, scale = posed(samples, codes, few.offsets(np.arange(len(few)))), np.ones(len(few), np.float32)
+    # the training
+    maker = cnn if isinstance(section, CoarseConfig) else dense
+    networks = [maker.make_network(segment, maker.shape_facts(section)) for segment in segments]
+    common = (section, context.scratch, context.progress, context.name, settings.seed, scale, settings.device)
+    model, log = train_segments(mesh, segments, networks, few, *common)
+    write_log(log, context.out / LOG)
+    context.note(few_vertex_error=log[-1]["mm"], few_normal_error=log[-1]["degrees"])
+    # what maps can hold, and what the convolutions can
+    if isinstance(section, CoarseConfig):
+        context.note(few_floor=floor_deg(context, few, segments))
+    if settings.free:
+        mm, degrees = fit_codes(context, model.to("cpu"), samples)
+        context.note(fitted_vertex_error=mm, fitted_normal_error=degrees)
+        context.note(fitted_floor=floor_deg(context, samples, segments))
+
+
+def posed(
+    samples: "replicate.approximation.samples.SampleSet",
+    params: Float[np.ndarray, "b j"],
+    offsets: Float[np.ndarray, "b n 3"],
+) -> "replicate.approximation.samples.SampleSet":
+    """Return samples of these poses alone, some of which are the validation poses too; test poses stay."""
+    from replicate.approximation.losses import spread
+    from replicate.approximation.samples import quantise
+
+    quantised, steps = quantise(offsets)
+    some, bins = spread(len(params), MEASURED), np.zeros(len(params), np.int16)
+    training = {"params": params, "quantised": quantised, "steps_mm": steps, "bins": bins}
+    return replace(samples, **training, validation_params=params[some], validation_offsets=offsets[some])
+
+
+def with_codes(
+    segments: "Sequence[replicate.approximation.segments.Segment]", poses: int
+) -> "tuple[list[replicate.approximation.segments.Segment], np.ndarray]":
+    """Return segments that see one control a pose, and the parameters (b, b) in which each pose has its own.
+
+    Without hidden layers a network's dense layer then holds a code for each pose. The control's value, √b, has the
+    length of b controls of the size 1, which first weights and peak rates are made for.
+    """
+    own = np.arange(poses, dtype=np.int32)
+    coded = [replace(segment, parameters=own) for segment in segments]
+    return coded, np.sqrt(poses).astype(np.float32) * np.eye(poses, dtype=np.float32)
+
+
+def fit_codes(
+    context: StageContext,
+    model: "replicate.approximation.model.SegmentedModel",
+    samples: "replicate.approximation.samples.SampleSet",
+) -> tuple[float, float]:
+    """Return the errors (mm, degrees) on validation poses whose codes are fitted to a trained model's convolutions."""
+    import torch
+    from torch import nn
+
+    from replicate.approximation import cnn
+    from replicate.approximation.losses import Supervision
+    from replicate.approximation.model import SegmentedModel
+    from replicate.approximation.training import train
+
+    settings, section = context.config, context.config.section
+    offsets = np.asarray(samples.validation_offsets)
+    segments, codes = with_codes(model.segments, len(offsets))
+    networks = [cnn.make_network(segment, cnn.shape_facts(section)) for segment in segments]
+    for network, trained in zip(networks, model.networks, strict=True):
+        weights = {name: value for name, value in trained.state_dict().items() if not name.startswith("dense.")}
+        network.load_state_dict(weights, strict=False)
+        network.requires_grad_(False)
+        (layer,), (known,) = network.dense, trained.dense
+        with torch.no_grad():  # all start with the mean of the known codes
+            layer.weight.zero_()
+            layer.bias.copy_(known.bias + known.weight.mean(1) * known.in_features**0.5)
+        layer.weight.requires_grad_(True)
+    scale = np.ones(len(offsets), np.float32)
+    fitted = SegmentedModel(networks, segments, scale, model.lengths, model.vertex_count).to(settings.device)
+    held_out, mesh = posed(samples, codes, offsets), artefacts.load_mesh(context.inputs)
+    device = torch.device(settings.device)
+    supervision = Supervision(mesh, held_out, model.vertices, section.normal_weight, device)
+    weights = nn.ParameterList([layer.weight for network in fitted.networks for layer in network.dense])
+
+    def loss_of_step(step: int) -> torch.Tensor:
+        params, target = supervision.batch(settings.seed, "codes", step, section.training)
+        return supervision.loss(fitted(params), target)
+
+    validation, scratch, progress = supervision.validation(), context.scratch / "codes", context.progress
+    scratch.mkdir(exist_ok=True)
+    log = train(weights, loss_of_step, section.training, scratch, progress, "codes", lambda: validation(fitted.offsets))
+    return log[-1]["mm"], log[-1]["degrees"]
+
+
+def floor_deg(
+    context: StageContext,
+    samples: "replicate.approximation.samples.SampleSet",
+    segments: "Sequence[replicate.approximation.segments.Segment]",
+) -> float:
+    """Return the mean normal error in degrees of the validation poses as well as maps can hold them (Eq. 2)."""
+    import torch
+
+    from replicate.approximation.deformation_map import Floor
+    from replicate.approximation.losses import Supervision
+    from replicate.approximation.segments import segment_vertices
+
+    floor, mesh = Floor(segments, context.config.section.map_size), artefacts.load_mesh(context.inputs)
+    supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, torch.device("cpu"))
+    return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
+
+
+def few_rows(trainings: Sequence[Few]) -> list[Row]:
+    """Make what is missing of trainings on a few poses, and return their errors as rows."""
+    stages, profile = [few_stage(training) for training in trainings], trainings[0].config.profile
+    make_stages(TABLE, profile, stages)
+    rows = []
+    for training, stage in zip(trainings, stages, strict=True):
+        notes = read_manifest(artefact_folder(stage.identifier))["notes"]
+        for metric, (unit, _) in METRICS.items():
+            if metric in notes:
+                poses = training.config.samples.validation if metric.startswith("fitted") else training.poses
+                key = (TABLE, stage.label, training.method, f"{metric}[{training.change}]")
+                rows.append(Row(*key, unit, float(notes[metric]), None, 1, poses, profile, "bench-decoder"))
+    return rows
+
+
+# The trainings on all samples.
+
+
+def variants(character: str, profile: str, steps: int) -> list[Variant]:
+    """Return the trainings of all samples of one character, at a schedule of `steps` or a multiple of it."""
+    more = sections(profile)
+
+    def at(method: str, change: str, times: int = 1, **section: object) -> Variant:
+        overrides = {method: {**section, "training": {"steps": times * steps}}}
+        return Variant(method, change, resolve(character, profile, overrides, sections=more))
+
+    first = list(resolve(character, profile).coarse.hidden[:-1])
+    found = [
+        at("coarse", widths(start, channels), hidden=[*first, start], channels=channels)
+        for start in STARTS
+        for channels in CHANNELS
+    ]
+    found.append(at("coarse", DEEPER, hidden=[*first, first[-1], STARTS[0]], channels=CHANNELS[0]))
+    return found + [at(method, times_words(times), times) for method in STEPPED for times in TIMES]
+
+
+def times_words(times: int) -> str:
+    """Return what a longer schedule is called."""
+    return f"steps × {times}"
+
+
+WIDTHS = (*(widths(start, channels) for start in STARTS for channels in CHANNELS), DEEPER)
+CHANGES = {method: (*(WIDTHS if method == "coarse" else ()), *map(times_words, TIMES)) for method in STEPPED}
+
+
+# What is printed, and the command line.
+
+
+def decoder_tables(rows: Sequence[Row]) -> list[Table]:
+    """Return two tables for each character in `bench_decoder.csv`: few poses, and all samples."""
+    own = [row for row in rows if row.table == TABLE]
+    few = [_few_table([row for row in own if row.character == name], name) for name in characters_of(own)]
+    others = [row for row in own if row.metric.partition("[")[0] in COLUMNS]
+    return [*(table for table in few if table.body), *variants_tables(others, TABLE, "Widths and steps", CHANGES)]
+
+
+def _few_table(rows: Sequence[Row], character: str) -> Table:
+    values = {(row.method, *row.metric.rstrip("]").split("[")): row for row in rows}
+    lines = []
+    for method, change in dict.fromkeys((key[0], key[2]) for key in values if key[1] in METRICS):
+        found = (values.get((method, metric, change)) for metric in METRICS)
+        cells = (cell(row) if row else "" for row in found)
+        lines.append((change.partition(",")[0], (method_named(method).label, change, *cells)))
+    header = ("", "", *(words for _, words in METRICS.values()))
+    note = (
+        f"trained on the poses alone, and measured on {MEASURED} of them at most; fitted: on validation poses whose "
+        "codes are fitted to the trained convolutions."
+    )
+    return Table(f"Few poses: {character}", (header,), in_groups(lines), (note,), text_columns=2)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison from the command line; return the exit code."""
+    parser = make_parser(TABLE, __doc__, profile="whose samples and settings")
+    add_count(parser, "steps", STEPS, "of the short schedule")
+    add_only(parser)
+    return answer(parser, _run, arguments)
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    for character in split_names(options.characters):
+        rows = compare(character, options)
+        publish(TABLE, rows, decoder_tables(rows), command_line, in_part=bool(options.only))
+
+
+def compare(character: str, options: argparse.Namespace) -> list[Row]:
+    """Train what is chosen for one character; return its errors as rows."""
+    at = (character, options.profile, options.steps)
+    chosen = selected([*few_trainings(*at), *variants(*at)], options.only)
+    kinds: tuple[tuple[type, Callable], ...] = ((Few, few_rows), (Variant, lambda own: train_variants(TABLE, own)))
+    rows = []
+    for kind, make in kinds:
+        if own := [training for training in chosen if isinstance(training, kind)]:
+            rows += make(own)
+    return rows
+
+
+if __name__ == "__main__":
+    from replicate.benchmarks import bench_decoder  # other processes find the stages of a module, not of __main__
+
+    sys.exit(bench_decoder.main())

@@ -1,0 +1,105 @@
+"""The paper's networks with wider decoders: four times the numbers that make a map, and twice the channels.
+
+The last dense layer has 2,048 units in place of 512, which are 8×8 pixels of 32 channels, and every convolution has 32
+channels in place of 16; all else, schedule and steps too, is that of `coarse` and `refined`. The widths were chosen
+once, on validation poses, for all characters: `make bench-decoder` compares them. The compiled kernels are for 16
+channels, so that a step takes about three times as long as one of `coarse`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from replicate.base.schema import read_table
+from replicate.config import PROFILES, CoarseConfig, RefinementConfig
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import coarse, refined
+from replicate.methods.method import variant
+from replicate.methods.plan import Plan
+from replicate.methods.training_stage import inputs_of_networks
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
+    import replicate.approximation.refinement
+
+HIDDEN, CHANNELS = (256, 2_048), 32
+COARSE, REFINED = "coarse_wide", "refined_wide"
+NOTE = "Wider decoders: 2,048 numbers make a map in place of 512, and convolutions have 32 channels in place of 16."
+
+Section = TypeVar("Section", CoarseConfig, RefinementConfig)
+
+
+def widened(section: Section, key: str, profile: str) -> Section:
+    """Return the profile's section `key`, whose defaults are `section`, with the wider layers."""
+    return replace(read_table(section, PROFILES[profile].get(key, {})), hidden=HIDDEN, channels=CHANNELS)
+
+
+def coarse_section(profile: str) -> CoarseConfig:
+    """Return the coarse networks' section."""
+    return widened(CoarseConfig(), "coarse", profile)
+
+
+def refined_section(profile: str) -> RefinementConfig:
+    """Return the refinement networks' section; the squares are still chosen by the section `refinement`."""
+    return widened(RefinementConfig(), "refinement", profile)
+
+
+def coarse_stage(plan: Plan) -> Stage:
+    """Return the stage that trains the coarse networks."""
+    return _stage(plan, COARSE, coarse.train, inputs_of_networks(plan))
+
+
+def refined_stage(plan: Plan) -> Stage:
+    """Return the stage that trains the refinement networks."""
+    return _stage(plan, REFINED, train_refined, refined.inputs_of_refinement(plan, coarse_stage(plan)))
+
+
+def _stage(plan: Plan, name: str, function: Callable, inputs: tuple[Stage, ...]) -> Stage:
+    method = next(method for method in METHODS if method.name == name)
+    return plan.stage(name, function, plan.training(method.section(plan.config)), *inputs)
+
+
+def train_refined(context: StageContext) -> None:
+    """Train the refinement networks on what the coarse ones leave (§3.2)."""
+    refined.train_on(context, load_coarse_model(context.inputs))
+
+
+def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the coarse networks."""
+    from replicate.approximation.cnn import load_coarse
+
+    return load_coarse(inputs[COARSE])
+
+
+def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
+    """Return both levels of networks."""
+    from replicate.approximation.refinement import load_refined
+
+    return load_refined(inputs[REFINED], load_coarse_model(inputs))
+
+
+METHODS = (
+    variant(
+        coarse.METHOD,
+        COARSE,
+        "Coarse, wide",
+        67,
+        stages=lambda plan: (coarse_stage(plan),),
+        model=load_coarse_model,
+        default_section=coarse_section,
+        note=NOTE,
+        mark="△",
+    ),
+    variant(
+        refined.METHOD,
+        REFINED,
+        "Refined, wide",
+        68,
+        stages=lambda plan: (coarse_stage(plan), refined_stage(plan)),
+        model=load_refined_model,
+        default_section=refined_section,
+        note=NOTE,
+        mark="△",
+    ),
+)
