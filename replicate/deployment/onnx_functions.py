@@ -148,6 +148,12 @@ def _getitem(recorder: _Recorder, x: torch.Tensor, index: object) -> str:
     return recorder.graph.node("Unsqueeze", recorder.value(x), recorder.graph.integers(axes))
 
 
+def _transpose(recorder: _Recorder, x: torch.Tensor, dim0: int, dim1: int) -> str:
+    order = list(range(x.ndim))
+    order[dim0], order[dim1] = order[dim1], order[dim0]
+    return recorder.graph.node("Transpose", recorder.value(x), perm=order)
+
+
 def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int]) -> str:
     return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.integers(np.atleast_1d(dim)))
 
@@ -197,6 +203,7 @@ CONVERTERS = {
     "stack": _stack,
     "getitem": _getitem,
     "squeeze": _squeeze,
+    "transpose": _transpose,
     "sum": _sum,
     "ones_like": _ones_like,
     "zeros_like": _zeros_like,

@@ -43,6 +43,24 @@ components = 40
 basis_samples = 200
 [pca_line.training]
 steps = 20
+[differential]
+components = 40
+basis_samples = 200
+hidden = [32, 32]
+anchor_hidden = [8, 8]
+[differential.training]
+steps = 20
+[differential.anchor_training]
+steps = 20
+[differential_small]
+components = 40
+basis_samples = 200
+hidden = [16, 16]
+anchor_hidden = [8, 8]
+[differential_small.training]
+steps = 20
+[differential_small.anchor_training]
+steps = 20
 [dense_compact]
 samples = 200
 [regional]
