@@ -12,6 +12,7 @@ take about 25 minutes a character. They see four and twelve times as many poses 
 steps. Nothing makes the rest pose exact.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -106,7 +107,9 @@ def train(context: StageContext) -> None:
     anchors = differential.choose_anchors(mesh.neutral[vertices], laplacian, motion, section.anchor_share)
     delta = differential.differences(laplacian, offsets).reshape(len(rows), -1)
     least, extent = float(delta.min()), max(float(np.ptp(delta)), 1e-9)
-    basis, mean = subspace((delta - least) / extent, section.components, settings.seed)
+    delta -= least
+    delta /= extent
+    basis, mean = subspace(delta, section.components, settings.seed)
     # the untrained model
     sees = artefacts.load_influence(context.inputs)[vertices[anchors]]
     network = differential.DifferentialNetwork(sees, section.hidden, section.anchor_hidden, len(basis), len(vertices))
@@ -132,6 +135,13 @@ def train(context: StageContext) -> None:
         truth = torch.from_numpy(samples.vertices_subset(drawn, vertices[anchors]) / np.float32(length)).to(device)
         return (network.anchors(params) - truth).square().mean()
 
+    def anchor_errors() -> tuple[float, float]:
+        params = torch.from_numpy(np.asarray(samples.validation_params, np.float32)).to(device) / model.scale
+        with torch.no_grad():
+            found = network.anchors(params).cpu().numpy() * length
+        apart = np.linalg.norm(found - samples.validation_offsets[:, vertices[anchors]], axis=-1)
+        return float(apart.mean(dtype=np.float64)), math.nan  # single vertices have no normals
+
     components, centre = (torch.from_numpy(array).to(device) for array in (basis, mean))
 
     def loss(step: int) -> torch.Tensor:
@@ -141,15 +151,14 @@ def train(context: StageContext) -> None:
         return (torch.addmm(centre, network.coefficients(params), components) - truth).abs().mean()
 
     scratch, validation = Path(context.scratch), Supervision(mesh, samples, vertices, 0.0, device).validation()
-    minimise(
+    anchor_log = minimise(
         network.anchors,
         anchor_loss,
         section.anchor_training,
         scratch / "anchors",
         context.progress,
         f"{name}, anchors",
-        lambda: (),
-        ("step", "loss"),
+        anchor_errors,
     )
     network.anchors.requires_grad_(False)
     log = differential.descend(
@@ -164,7 +173,8 @@ def train(context: StageContext) -> None:
     )
     differential.save_differential(model, context.out, section.hidden, section.anchor_hidden)
     write_training(context, model, log)
-    context.note(anchors=len(anchors), components=len(basis), factor_nonzeros=model.nonzeros)
+    counts = {"anchors": len(anchors), "components": len(basis), "factor_nonzeros": model.nonzeros}
+    context.note(**counts, anchor_error_mm=anchor_log[-1]["mm"])
 
 
 def subspace(rows: np.ndarray, components: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -38,6 +38,7 @@ def test_a_trained_network_is_near_the_truth(trained):
         wrong = np.abs(vertices - mesh.neutral - truth)[:, moved].mean()
         assert wrong < share * np.abs(truth[:, moved]).mean()
     assert notes["anchors"] == round(0.02 * moved.sum()) and notes["components"] == 20
+    assert 0 < notes["anchor_error_mm"] < np.linalg.norm(samples.test_offsets[:, moved], axis=-1).mean()
     assert (inputs["differential"] / "log.csv").is_file()
 
 
