@@ -61,6 +61,18 @@ anchor_hidden = [8, 8]
 steps = 20
 [differential_small.anchor_training]
 steps = 20
+[compskin]
+components = 40
+basis_samples = 200
+steps = 20
+[compskin.training]
+steps = 20
+[compskin_best]
+components = 40
+basis_samples = 200
+steps = 20
+[compskin_best.training]
+steps = 20
 [dense_compact]
 samples = 200
 [regional]
