@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 WIDE, SMALL = "differential", "differential_small"
 STEPS = {WIDE: {"quick": 150, "laptop": 4_000}, SMALL: {"quick": 450, "laptop": 12_000}}
-ANCHOR_STEPS = {"quick": 150, "laptop": 4_000}
+ANCHOR_STEPS = {"quick": 400, "laptop": 4_000}
 DESCENT = TrainingConfig("paper", batch=128, draws="uniform", rates=(0.1,), shares=(1.0,))
 ANCHOR_TRAINING = TrainingConfig("one_cycle", batch=128, draws="uniform", peak_rate=2e-3)
 
@@ -136,7 +136,7 @@ def train(context: StageContext) -> None:
         return (network.anchors(params) - truth).square().mean()
 
     def anchor_errors() -> tuple[float, float]:
-        params = torch.from_numpy(np.asarray(samples.validation_params, np.float32)).to(device) / model.scale
+        params = torch.tensor(np.asarray(samples.validation_params, np.float32)).to(device) / model.scale
         with torch.no_grad():
             found = network.anchors(params).cpu().numpy() * length
         apart = np.linalg.norm(found - samples.validation_offsets[:, vertices[anchors]], axis=-1)
