@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import replicate.baselines.skinning.compskin
 
 PUBLISHED, BEST = "compskin", "compskin_best"
-COMPRESSION = {"quick": (150, 1e-2), "laptop": (6_000, 1e-3)}  # steps, twice, and rate
+COMPRESSION = {"quick": (150, 1e-3), "laptop": (6_000, 1e-3)}  # steps, twice, and rate
 
 
 @dataclass(frozen=True)

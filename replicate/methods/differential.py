@@ -9,7 +9,8 @@ the error keeps its proportions; the anchors' networks are trained by Adam. Offs
 since no skinning is known of a closed rig. Rigid segments follow by their attachments (§3.4). A step of 128 poses takes
 0.3 s of one core at a width of 2,048, and 0.1 s at 512. `laptop` has 4,000 such steps, and 12,000 at 512, so that both
 take about 25 minutes a character. They see four and twelve times as many poses as the dense networks do in 16,000
-steps. Nothing makes the rest pose exact.
+steps. The narrow network's rate is a cycle up to 1: on validation poses of the toon, 300 such steps brought normals to
+4.9°, and 450 at the published rate of 0.1, which the wide one keeps, to 6.4°. Nothing makes the rest pose exact.
 """
 
 import math
@@ -36,6 +37,7 @@ WIDE, SMALL = "differential", "differential_small"
 STEPS = {WIDE: {"quick": 150, "laptop": 4_000}, SMALL: {"quick": 450, "laptop": 12_000}}
 ANCHOR_STEPS = {"quick": 400, "laptop": 4_000}
 DESCENT = TrainingConfig("paper", batch=128, draws="uniform", rates=(0.1,), shares=(1.0,))
+CYCLE = TrainingConfig("one_cycle", batch=128, draws="uniform", peak_rate=1.0)
 ANCHOR_TRAINING = TrainingConfig("one_cycle", batch=128, draws="uniform", peak_rate=2e-3)
 
 
@@ -60,7 +62,7 @@ def default_section(profile: str) -> DifferentialConfig:
 
 def own_small(profile: str) -> DifferentialConfig:
     """Return the section of networks of 512."""
-    return _section(SMALL, DifferentialConfig(hidden=(512,) * 6), profile)
+    return _section(SMALL, DifferentialConfig(hidden=(512,) * 6, training=CYCLE), profile)
 
 
 def _section(name: str, section: DifferentialConfig, profile: str) -> DifferentialConfig:
@@ -222,7 +224,7 @@ METHODS = (
         stages=lambda plan: (small_stage(plan),),
         model=load_small,
         default_section=own_small,
-        note="The differential subspace with layers of 512 in place of 2,048.",
+        note="The differential subspace with layers of 512 in place of 2,048, at a rate that rises and falls.",
         colour="#9EDAE5",
     ),
 )

@@ -96,12 +96,15 @@ def project_weights(weights: Float[torch.Tensor, "n p"], count: int, normalised:
 
 
 def first_bones(
-    rest: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, " n"], bones: int, seed: int
+    rest: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, " n"], bones: int, most: int, seed: int
 ) -> tuple[Float32[np.ndarray, "n p"], Float32[np.ndarray, "p 3"]]:
     """Return first weights, and the bones' centres, denser where much moves: clusters of the vertices by k-means.
 
     rest: the vertices.
     motion: how far each of them moves.
+    bones: how many at most.
+    most: weights of a vertex; they fall to zero at the distance of the next bone, so that there are no steps.
+    seed: of the clusters.
     """
     from sklearn.cluster import KMeans
     from threadpoolctl import threadpool_limits
@@ -112,10 +115,10 @@ def first_bones(
         )
     centres = found.cluster_centers_
     apart = np.linalg.norm(rest[:, None] - centres, axis=-1)
-    between = np.linalg.norm(centres[:, None] - centres, axis=-1) + np.diag(np.full(len(centres), np.inf))
-    width = float(np.median(between.min(1))) if len(centres) > 1 else 1.0
-    closeness = np.exp(-0.5 * ((apart - apart.min(1, keepdims=True)) / width) ** 2)
-    return (closeness / closeness.sum(1, keepdims=True)).astype(np.float32), centres.astype(np.float32)
+    reach = np.partition(apart, most, axis=1)[:, most] if most < len(centres) else 2 * apart.max(1) + 1e-6
+    nearest = apart <= apart.min(1, keepdims=True)
+    weights = np.maximum(1 - apart / np.maximum(reach, 1e-6)[:, None], 1e-6 * nearest) ** 2
+    return (weights / weights.sum(1, keepdims=True)).astype(np.float32), centres.astype(np.float32)
 
 
 def first_motions(z: Float[torch.Tensor, "n q"], shapes: Float[torch.Tensor, "n d"]) -> Float[torch.Tensor, "s p 6"]:
@@ -153,7 +156,7 @@ def compress(
     rest = torch.from_numpy(np.asarray(rest_mm / MM, np.float32))
     goal = torch.from_numpy(np.ascontiguousarray(shapes_mm.transpose(1, 0, 2) / MM, np.float32)).flatten(1)  # (n, 3s)
     motion = np.sqrt(np.square(shapes_mm, dtype=np.float64).sum((0, 2)))
-    start, middles = first_bones(rest.numpy(), motion, bones, seed)
+    start, middles = first_bones(rest.numpy(), motion, bones, limits.weights, seed)
     centres, weights = torch.from_numpy(middles), torch.from_numpy(start)
     project_weights(weights, limits.weights, normalised=True)
     motions = first_motions(weighted_rest(weights, rest, centres), goal)

@@ -11,6 +11,7 @@ from replicate.baselines.skinning.compskin import (
     CompressedShapes,
     Limits,
     compress,
+    first_bones,
     first_motions,
     keep_largest,
     matrices,
@@ -118,6 +119,14 @@ def test_smoothing_flattens_what_is_rough():
         return float(np.square(laplacian @ moved).mean())
 
     assert roughness(100.0) < 0.7 * roughness(0.0)
+
+
+def test_first_weights_are_few_and_fall_to_zero_without_a_step():
+    rest = np.stack([np.linspace(0, 9, 400), np.zeros(400), np.zeros(400)], 1).astype(np.float32)
+    weights, centres = first_bones(rest, np.where(rest[:, 0] < 3, 5.0, 0.5), 10, 3, 0)
+    assert (weights > 0).sum(1).max() <= 3 and np.abs(np.diff(weights, axis=0)).max() < 0.1
+    np.testing.assert_allclose(weights.sum(1), 1, atol=1e-5)
+    assert (centres[:, 0] < 3).sum() >= 4  # of ten, on a third of the line
 
 
 def test_the_largest_numbers_stay_and_the_largest_weights_of_each_vertex():
