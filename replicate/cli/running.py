@@ -179,8 +179,8 @@ def _results(configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]) -> li
 # Compressed skinning finds its shapes before the training; the differential subspace has larger batches.
 KIN = {"pca": ("dense", 1), "pca_line": ("dense", 1), "driven": ("dense", 1), "squares": ("linear", 4),
        "dense_compact": ("linear", 1), "regional_derivatives": ("regional", 2),
-       "differential": ("dense", 0.6), "differential_small": ("dense", 0.2), "compskin": ("dense", 3),
-       "compskin_best": ("dense", 4)}  # fmt: skip
+       "differential": ("dense", 0.7), "differential_small": ("dense", 0.35), "compskin": ("dense", 3),
+       "compskin_best": ("dense", 3)}  # fmt: skip
 # The power of the number of controls with which a time grows: influence is found for each control, our networks have an
 # input for each, and regressions need a product for each pair.
 GROWTH = {"influence": 1, "regional": 1, "regional_derivatives": 1, "linear": 2, "squares": 2}
