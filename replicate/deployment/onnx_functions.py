@@ -152,6 +152,12 @@ def _index_select(recorder: _Recorder, x: torch.Tensor, dim: int, index: torch.T
     return recorder.graph.gather(recorder.value(x), index.numpy(), dim)
 
 
+def _transpose(recorder: _Recorder, x: torch.Tensor, dim0: int, dim1: int) -> str:
+    order = list(range(x.ndim))
+    order[dim0], order[dim1] = order[dim1], order[dim0]
+    return recorder.graph.node("Transpose", recorder.value(x), perm=order)
+
+
 def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int]) -> str:
     return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.integers(np.atleast_1d(dim)))
 
@@ -202,6 +208,7 @@ CONVERTERS = {
     "getitem": _getitem,
     "index_select": _index_select,
     "squeeze": _squeeze,
+    "transpose": _transpose,
     "sum": _sum,
     "ones_like": _ones_like,
     "zeros_like": _zeros_like,

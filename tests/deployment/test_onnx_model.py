@@ -173,6 +173,7 @@ TURNS = {
     "unflattened from the end": lambda x, k: x.unflatten(-1, (k, 3)),
     "unflattened before the end": lambda x, k: x.unflatten(1, (3 * k, 1)).unflatten(-2, (k, 3)).sum(-1),
     "flattened from the end": lambda x, k: x.unflatten(1, (k, 3)).flatten(-2).unflatten(1, (-1, 3)),
+    "transposed": lambda x, k: x.unflatten(1, (3, k)).transpose(-1, 1),
     "flattened with the poses": lambda x, k: x.unflatten(1, (k, 3)).flatten(0, 1).unflatten(0, (-1, k)),
     "beside sums that keep their dimension": lambda x, k: (x - x.sum(-1, keepdim=True) / (3 * k)).unflatten(1, (k, 3)),
     "beside sums over two dimensions": lambda x, k: x.unflatten(1, (k, 3)) / x.unflatten(1, (k, 3)).sum((1, 2), True),

@@ -55,6 +55,36 @@ steps = 10
 shapes = 16
 hidden = [16, 16]
 [morph_best.training]
+steps = 10
+[differential]
+components = 40
+basis_samples = 200
+hidden = [32, 32]
+anchor_hidden = [8, 8]
+[differential.training]
+steps = 20
+[differential.anchor_training]
+steps = 20
+[differential_small]
+components = 40
+basis_samples = 200
+hidden = [16, 16]
+anchor_hidden = [8, 8]
+[differential_small.training]
+steps = 20
+[differential_small.anchor_training]
+steps = 20
+[compskin]
+components = 40
+basis_samples = 200
+steps = 20
+[compskin.training]
+steps = 20
+[compskin_best]
+components = 40
+basis_samples = 200
+steps = 20
+[compskin_best.training]
 steps = 20
 [dense_compact]
 samples = 200
