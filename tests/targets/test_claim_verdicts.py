@@ -41,6 +41,8 @@ PAPERS_OWN = {
     "C11": UNPRINTED,
     "C12": UNPRINTED,
     "C13": UNPRINTED,
+    "C14": MEASURED,
+    "C15": UNPRINTED,
 }
 
 
@@ -369,6 +371,30 @@ def test_c13_measures_the_worst_of_maps_on_new_meshes_beside_deformation_transfe
     assert (
         "has 0.300 mm and 0.300° on half" in one.reason and "sees the true mesh of each pose has 0.200 mm" in one.reason
     )
+
+
+def test_c14_measures_how_errors_grow_under_inverse_kinematics_by_the_one_that_grows_most():
+    facts = None, 1, 25, "laptop", "b"
+    posed = {("refined", "vertex", "mm"): 1.5, ("refined", "normal", "deg"): 1.0, ("dense", "vertex", "mm"): 3.0}
+    posed |= {("dense", "normal", "deg"): 2.0}
+    given = [
+        Row("table4", "toon", name, f"{kind}_error_mean", unit, ms, *facts) for (name, kind, unit), ms in posed.items()
+    ]
+    one = judge(claim_named("C14"), "toon", Evidence([*given, *mean_rows(character="toon")]), PAPER)
+    assert one.verdict == "measured" and one.effect == pytest.approx(3.0)
+    assert one.comparison == "distance: dense under IK < on test poses" and one.paper == pytest.approx(4.19 / 5.0)
+
+
+def test_c15_measures_squares_where_they_are_beside_squares_on_all_charts():
+    facts = None, 1, None, "laptop", "b"
+    given = [
+        Row("table1", "teen", "coarse", "segments", "count", 10.0, *facts),
+        Row("table1", "teen", "refined", "segments", "count", 8.0, *facts),
+        Row("table3", "teen", "coarse", "multiplications", "count", 50.0, *facts),
+        Row("table3", "teen", "refined", "multiplications", "count", 210.0, *facts),
+    ]
+    one = judge(claim_named("C15"), "teen", Evidence(given), PAPER)
+    assert one.verdict == "measured" and one.effect == pytest.approx(210 / (50 + 20 * 10 * 16))
 
 
 def test_c10_names_what_is_nearer_without_a_network():

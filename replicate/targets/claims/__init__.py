@@ -94,6 +94,7 @@ def publish(profile: str, latex: bool = False) -> None:
         if verdict.verdict != NOT_TESTED:
             whose = _with_profile(verdict.character, verdict.profile, profiles)
             whose += "" if verdict.recipe == BEST.name else f", {_recipe(verdict).words}"
+            whose += f", {verdict.place}" if verdict.place else ""
             print(_in_lines(f"{verdict.claim} {whose}: {verdict.verdict}. {verdict.reason}"))
     print(f"\n{_in_lines(origin(verdicts))}")
     print(f"written to {display_path(folder)}: {FILE}, and claims.ipynb to read it in")
@@ -517,7 +518,7 @@ def places_table(verdicts: Sequence[Verdict], name: str) -> Table | None:
 
 def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
     """Return one claim's verdicts with their reasons, one character a line, the verdict on the paper beside ours."""
-    chosen = [verdict for verdict in verdicts if verdict.claim == claim]
+    chosen = [verdict for verdict in verdicts if verdict.claim == claim and not verdict.place]
     profiles = _profiles(chosen)
     body = tuple(
         (

@@ -10,6 +10,7 @@ from pathlib import Path
 from data_recipes import recipe_paths
 from replicate.base import paths
 from replicate.benchmarks.common import PROFILE as BENCH
+from replicate.config import RefinementConfig
 from replicate.report.effects import TINY, Effect, Spread, log_ratio, of_means, of_runs, own_spread, pooled
 from replicate.report.manifest import command_of
 from replicate.report.results import STANDS_FOR, Row, Seeds, joined, order_of, read_results, read_seeds, where
@@ -18,7 +19,7 @@ from replicate.targets.table3 import GPU_TABLE, beside, gpu_machine_rows
 from replicate.targets.table3.rows import best_row
 from replicate.timing.single_poses import CHANGE, FAST, GPU, GRAPH, JAX, ONNX, RIG, THREADED, parted
 
-UNITS = {"mm": " mm", "deg": "°", "MB": " MB", "ms": " ms", "ratio": ""}
+UNITS = {"mm": " mm", "deg": "°", "MB": " MB", "ms": " ms", "ratio": "", "count": ""}
 EXACT_UNITS = ("MB", "count")  # of numbers that come out the same in every run
 PUBLISHED = "published"  # the profile of the paper's rows: it prints no spread, so they are taken as they are
 ENOUGH = 3  # runs: fewer borrow the spread of other characters
@@ -175,11 +176,11 @@ def significant(value: float, digits: int = LEAST_DIGITS) -> str:
 
 def difference(effect: Effect) -> str:
     """Return how much smaller or larger one number is than another, with its interval: "4.0 % ± 0.3 less"."""
-    width = (effect.high - effect.low) / 2
+    known = 0 < effect.half < math.inf
     if effect.ratio >= 2:
-        spread = "" if not 0 < width < math.inf else f" ± {significant(width, 2)}"
-        return f"{significant(effect.ratio, 2)}{spread} times as much"
-    spread = "" if not 0 < width < math.inf else f" ± {significant(100 * width, 2)}"
+        ends = f" ({significant(effect.low, 2)}–{significant(effect.high, 2)})" if known else ""
+        return f"{significant(effect.ratio, 2)} times as much{ends}"
+    spread = f" ± {significant(50 * (effect.high - effect.low), 2)}" if known else ""
     return f"{significant(100 * abs(1 - effect.ratio), 2)} %{spread} {'less' if effect.log < 0 else 'more'}"
 
 
@@ -601,6 +602,28 @@ def _nearer_without_networks(evidence: Evidence, character: str) -> Iterator[str
         if pair[0].value < pair[1].value:
             without, of_cnn = (significant(number.value) for number in pair)
             yield f"{words} has a smaller normal error there: {without}° against {of_cnn}°."
+
+
+def grows_under_ik(evidence: Evidence, character: str) -> Ways:
+    """Return what C14 measures: errors of the refined model and of dense under IK beside Table 2's, worst first."""
+    comparisons = []
+    for method in ("refined", "dense"):
+        for kind, (quantity, unit) in QUANTITIES.items():
+            posed = evidence.number("table4", character, method, f"{kind}_error_mean", f"{method} under IK")
+            tested = replace(evidence.error(character, method, kind), name="on test poses")
+            comparisons.append(Comparison(quantity, unit, posed, tested))
+    return (tuple(sorted(comparisons, key=lambda comparison: -comparison.ratio)),)
+
+
+def refined_everywhere(evidence: Evidence, character: str) -> Ways:
+    """Return what C15 measures: the multiplications of the refined model beside those with squares on all charts."""
+    counts = [evidence.number("table1", character, name, "segments") for name in ("coarse", "refined")]
+    coarse, refined = (evidence.number("table3", character, name, "multiplications") for name in ("coarse", "refined"))
+    charts, squares = (number.value for number in counts)
+    each = (refined.value - coarse.value) / squares
+    whole = coarse.value + each * charts / RefinementConfig().square ** 2
+    everywhere = Number("squares on all charts", whole, rows=(*coarse.rows, *refined.rows))
+    return ((Comparison("multiplications", "count", replace(refined, name="the refined model"), everywhere),),)
 
 
 def moves_other_meshes(evidence: Evidence, character: str) -> Ways:
