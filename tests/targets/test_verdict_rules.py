@@ -156,7 +156,7 @@ def test_numbers_in_sentences_have_the_digits_that_tell_them_apart():
 @pytest.mark.parametrize(
     ("effect", "expected"),
     [
-        (Effect(math.log(0.99), 0.01), "1.0 % ± 0.99 less"),
+        (Effect(math.log(0.99), 0.01), "1.0 % ± 1 less"),
         (Effect(math.log(1.25)), "25 % more"),
         (Effect(math.log(3.0), 0.1), "3.0 times as much (2.7–3.3)"),
         (Effect(math.log(0.5), math.inf), "50 % less"),

@@ -484,7 +484,8 @@ def _show_verdict(verdicts: Sequence[Verdict], name: str) -> None:
         chosen = stand_ins(of_recipe(verdicts, recipe), name)
         if recipe == BEST or any(verdict.verdict != NOT_TESTED for verdict in chosen):
             lead = "" if recipe == BEST else f"{recipe.words.capitalize()}: "
-            lines.append(f"{lead}**{outcome(chosen)}**. {effects_in_words(chosen)}".strip())
+            sizes = "" if claim.everywhere else effects_in_words(chosen)  # those have a table
+            lines.append(f"{lead}**{outcome(chosen)}**. {sizes}".strip())
     lines[0] += f": {lines.pop(1)}{' The paper prints no number.' if theirs == '–' else ''}"
     notebooks.show_text("\n\n".join(lines))
     if table := places_table(verdicts, name):
@@ -507,11 +508,11 @@ def places_table(verdicts: Sequence[Verdict], name: str) -> Table | None:
     if not chosen:
         return None
     characters = sorted({verdict.character for verdict in chosen}, key=order_of)
-    words = {(each.place, each.character): f"{cell(each)} ({effect_in_words(each, short=True)})" for each in chosen}
+    words = {(each.place, each.character): f"{cell(each)}, {effect_in_words(each, short=True)}" for each in chosen}
     places = dict.fromkeys(verdict.place for verdict in chosen)
     body = tuple((place, *(words.get((place, character), "–") for character in characters)) for place in places)
     notes = (
-        f"In brackets the time of {chosen[0].comparison.partition(': ')[2].partition(' <')[0]}, beside the other's.",
+        f"Less and more: the time of {chosen[0].comparison.partition(': ')[2].partition(' <')[0]}, beside the other's.",
     )
     return Table(f"{name}, by back end", (("", *characters),), body, notes, text_columns=1 + len(characters))
 

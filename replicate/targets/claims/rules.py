@@ -180,7 +180,8 @@ def difference(effect: Effect) -> str:
     if effect.ratio >= 2:
         ends = f" ({significant(effect.low, 2)}–{significant(effect.high, 2)})" if known else ""
         return f"{significant(effect.ratio, 2)} times as much{ends}"
-    spread = f" ± {significant(50 * (effect.high - effect.low), 2)}" if known else ""
+    width = 50 * (effect.high - effect.low)
+    spread = f" ± {significant(width, 2 if width >= 10 else 1)}" if known else ""
     return f"{significant(100 * abs(1 - effect.ratio), 2)} %{spread} {'less' if effect.log < 0 else 'more'}"
 
 
