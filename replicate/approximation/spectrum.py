@@ -9,9 +9,10 @@ from scipy import sparse
 
 from replicate.geometry.mesh import Mesh
 
-WAVES = 512  # the slowest ones; what is left of an error without them is its part of high frequency
+WAVES = 256  # the slowest ones; what is left of an error without them is its part of high frequency
 LEAST_SHARE = 4  # a small mesh has a wave for every so many vertices
 SHIFT = 1e-6  # below all eigenvalues, 1/mm²
+PRECISION = 1e-6  # of the frequencies
 LEAST_AREA = 1e-6  # share of the mean that counts for a vertex whose faces have no area
 
 
@@ -47,22 +48,28 @@ def slow_waves(mesh: Mesh, deforming: Bool[np.ndarray, " n"], count: int = WAVES
     deforming: which vertices are no rigid segment's; those without a face between them are left out
     count: of waves; a mesh with fewer than `LEAST_SHARE` vertices for each has fewer
     """
-    from scipy.sparse.linalg import eigsh
+    from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
     faces = mesh.faces[deforming[mesh.faces].all(1)]
     vertices, corners = np.unique(faces, return_inverse=True)
     stiffness, areas = laplacian(mesh.neutral[vertices].astype(np.float64), corners.reshape(faces.shape))
     few = max(1, min(count, len(vertices) // LEAST_SHARE))
     start = np.random.default_rng(0).normal(size=len(vertices))  # eigsh would draw one, and never the same
-    frequencies, basis = eigsh(stiffness, few, sparse.diags(areas), sigma=-SHIFT, which="LM", v0=start)
+    root = sparse.diags(1 / np.sqrt(areas))  # with waves over the roots of areas the problem is a symmetric one
+    shifted = (root @ stiffness @ root + SHIFT * sparse.eye(len(vertices))).tocsc()
+    solver = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    inverse = LinearOperator(shifted.shape, matvec=solver.solve, dtype=np.float64)
+    keep = min(len(vertices), few + max(20, few // 2))
+    inverted, modes = eigsh(inverse, few, which="LM", v0=start, tol=PRECISION, ncv=keep)
+    frequencies = np.maximum(1 / inverted - SHIFT, 0.0)
     order = np.argsort(frequencies)
-    frequencies = np.maximum(frequencies[order], 0.0)
-    return Waves(vertices, np.ascontiguousarray(basis[:, order], np.float32), areas, frequencies)
+    basis = np.ascontiguousarray((root @ modes)[:, order], np.float32)
+    return Waves(vertices, basis, areas, frequencies[order])
 
 
 def laplacian(
     vertices: Float64[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
-) -> tuple[sparse.csc_matrix, Float64[np.ndarray, " v"]]:
+) -> tuple[sparse.csr_matrix, Float64[np.ndarray, " v"]]:
     """Return the cotangent Laplacian of a mesh, (v, v), and the area of each vertex: a third of its faces' areas.
 
     Negative weights, of obtuse pairs of faces, count as 0, so that it has no negative eigenvalues.
@@ -77,19 +84,21 @@ def laplacian(
         weights.append(0.5 * (a * b).sum(1) / doubled)
     size = (len(vertices), len(vertices))
     half = sparse.coo_matrix((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), size)
-    joined = (half + half.T).maximum(0).tocsc()
+    joined = (half + half.T).tocsr().maximum(0)
     corners = vertices[faces]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     areas = np.bincount(faces.ravel(), np.repeat(area / 3, 3), len(vertices))
-    return sparse.diags(np.asarray(joined.sum(1)).ravel()) - joined, np.maximum(areas, LEAST_AREA * areas.mean())
+    return (sparse.diags(np.asarray(joined.sum(1)).ravel()) - joined).tocsr(), np.maximum(
+        areas, LEAST_AREA * areas.mean()
+    )
 
 
 @dataclass
 class Spectrum:
     """Errors of poses, taken apart into waves, as they come in.
 
-    bands: the mean of the squared error over the surface, mm², by octave: of the first wave, the next one, the next two,
-        four, …, and last of what no wave has
+    bands: the mean of the squared error over the surface, mm², by octave: of the first wave, the next one, the next
+        two, four, …, and last of what no wave has
     """
 
     waves: Waves
