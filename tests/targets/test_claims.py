@@ -17,6 +17,7 @@ from replicate.targets.claims import (
     claims_at_a_glance,
     claims_in_brief,
     claims_table,
+    frequency_chart,
     outcome,
     overview,
     places_table,
@@ -252,6 +253,21 @@ def test_the_legend_of_a_chart_says_what_is_in_it_and_no_more():
 
     assert legend(mean_rows(), "C9") == ["the paper’s characters"]
     assert legend(mean_rows(), "C1") == ["our characters", "the paper’s characters"]
+
+
+def test_errors_by_frequency_are_lines_with_marks_of_their_own():
+    facts = "mm", 0.1, None, 1, 9, "quick", "r"
+    rows = [
+        Row("table2", character, method, f"frequency_band_{k}", *facts)
+        for character in ("teen", "toon")
+        for method in ("coarse", "refined", "dense")
+        for k in range(10)
+    ]
+    figure, words = frequency_chart(Evidence(rows))
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["teen", "toon"]
+    assert {line.get_marker() for line in figure.axes[0].lines} == {"o", "s", "^"}
+    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["1", "256", "rest"]
+    assert "toon, dense 0.10 mm in the rest" in words.alt and frequency_chart(Evidence(mean_rows())) is None
 
 
 def test_what_all_lines_of_a_chart_compare_is_said_once():

@@ -13,6 +13,7 @@ from replicate.base.paths import REFERENCE, display_path
 from replicate.config import PROFILES, check_profile
 from replicate.drawing.panels import DPI, WIDTH, Words, tidy
 from replicate.engine.provenance import as_lines
+from replicate.methods.method_registry import method_named
 from replicate.report import notebooks
 from replicate.report.effects import Effect
 from replicate.report.notebooks import folder_of, provenance_text, run_notebook
@@ -25,6 +26,7 @@ from replicate.targets.claims.rules import (
     FAILS,
     HOLDS,
     MEASURED,
+    NETWORKS,
     NOT_TESTED,
     PRINTED,
     RANKS,
@@ -465,6 +467,8 @@ def show_claim(opened: OpenClaims, name: str) -> None:
     _show_verdict(opened.verdicts, name)
     if chart := claim_chart(opened.ours, opened.paper, name):
         notebooks.show(*chart)
+    if name == OF_FREQUENCY and (chart := frequency_chart(opened.ours)):
+        notebooks.show(*chart)
     _show_reasons(opened.verdicts, name)
 
 
@@ -711,6 +715,60 @@ def _comparisons(ways, evidence: Evidence, character: str) -> dict[str, Comparis
         return {comparison.name: comparison for way in ways(evidence, character) for comparison in way}
     except MissingNumber:
         return {}
+
+
+OF_FREQUENCY = "C5"
+BAND = "frequency_band_"
+
+
+def frequency_chart(evidence: Evidence) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return (figure, words): errors by octaves of the mesh's waves, a panel a character and a line a network.
+
+    The last point of a line is what no wave of the basis has. None where no errors are taken apart.
+    """
+    from matplotlib.figure import Figure
+
+    lines: dict[str, dict[str, list[float]]] = {}
+    for character in (name for name in evidence.characters() if "@" not in name):
+        for method in NETWORKS:
+            found = [row for row in evidence.rows.values() if row.key[1:3] == (character, method)]
+            bands = {int(row.metric.removeprefix(BAND)): row.value for row in found if row.metric.startswith(BAND)}
+            if bands:
+                lines.setdefault(character, {})[method] = [bands[k] for k in sorted(bands)]
+    if not lines:
+        return None
+    across = min(PANELS, len(lines))
+    down = -(-len(lines) // across)
+    figure = Figure((WIDTH, 2.6 * down + FRAME), dpi=DPI, layout="constrained")
+    grid = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
+    for axes in grid[len(lines) :]:
+        axes.set_visible(False)
+    for axes, (character, methods) in zip(grid, lines.items(), strict=False):
+        for method, roots in methods.items():
+            known = method_named(method)
+            axes.plot(range(len(roots)), roots, color=known.colour, marker=LINE_MARKS[method], label=known.label)
+        count = len(roots)
+        axes.set_xticks([0, count - 2, count - 1], ["1", f"{2 ** (count - 2):,}", "rest"])
+        axes.set_yscale("log")
+        axes.set_title(character, fontsize=TITLE_PT, loc="left")
+        axes.tick_params(labelsize=SIZE_PT)
+        tidy(axes)
+    grid[0].set_ylabel("error, mm", fontsize=SIZE_PT)
+    figure.supxlabel("waves of the mesh, from slow to quick, by octaves", fontsize=SIZE_PT)
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(NETWORKS), frameon=False, fontsize=SIZE_PT)
+    ends = [
+        f"{character}, {method} {significant(roots[-1], 2)} mm in the rest"
+        for character, methods in lines.items()
+        for method, roots in methods.items()
+    ]
+    alt = f"Lines of the root of the mean squared error by octaves of waves, logarithmic. {'; '.join(ends)}."
+    return figure, Words(
+        alt, "C5: errors by octaves of the mesh's waves, slow ones left; the rest is of high frequency."
+    )
+
+
+LINE_MARKS = {"coarse": "o", "refined": "s", "dense": "^"}
 
 
 def _bar(effect: Effect, lower: float, upper: float) -> list[list[float]] | None:
