@@ -9,6 +9,7 @@ from scipy import sparse
 
 from replicate.geometry.mesh import Mesh
 
+FILE = "waves.npz"
 WAVES = 256  # the slowest ones; what is left of an error without them is its part of high frequency
 LEAST_SHARE = 4  # a small mesh has a wave for every so many vertices
 SHIFT = 1e-6  # below all eigenvalues, 1/mm²

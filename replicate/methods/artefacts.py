@@ -230,20 +230,13 @@ def waves_stage(plan: Plan) -> Stage:
 
 def find_waves(context: StageContext) -> None:
     """Find the slowest waves of the mesh without its rigid segments."""
-    from replicate.approximation.spectrum import slow_waves
+    from replicate.approximation.spectrum import FILE, slow_waves
 
     mesh = load_mesh(context.inputs)
     deforming = ~np.isin(mesh.segment, load_attachments(context.inputs).segment)
     waves = slow_waves(mesh, deforming)
-    waves.save(context.out / "waves.npz")
+    waves.save(context.out / FILE)
     context.note(waves=len(waves.frequencies), shortest_mm=float(2 * np.pi / np.sqrt(waves.frequencies[-1])))
-
-
-def load_waves(inputs: Mapping[str, Path]) -> "replicate.approximation.spectrum.Waves":
-    """Return the slowest waves of the mesh without its rigid segments."""
-    from replicate.approximation.spectrum import Waves
-
-    return Waves.load(inputs["waves"] / "waves.npz")
 
 
 def mean_rigid_errors(inputs: Mapping[str, Path]) -> Float[np.ndarray, " s"]:

@@ -122,12 +122,12 @@ def measure(context: StageContext) -> None:
     The errors are also taken apart by frequency (`approximation.spectrum`).
     """
     from replicate.approximation.metrics import evaluate
-    from replicate.approximation.spectrum import Spectrum
+    from replicate.approximation.spectrum import FILE, Spectrum, Waves
 
     settings, inputs = context.config, context.inputs
     mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
     predict = predictor(settings, inputs)
-    spectrum = Spectrum(artefacts.load_waves(inputs))
+    spectrum = Spectrum(Waves.load(inputs["waves"] / FILE))
 
     def taken_apart(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
         predicted = predict(params, truth)
