@@ -270,6 +270,16 @@ def test_errors_by_frequency_are_lines_with_marks_of_their_own():
     assert "toon, dense 0.10 mm in the rest" in words.alt and frequency_chart(Evidence(mean_rows())) is None
 
 
+def test_counts_are_named_in_the_plural_once():
+    facts = None, 1, None, "laptop", "b"
+    numbers = {("table1", "coarse", "segments"): 10.0, ("table1", "refined", "segments"): 8.0}
+    numbers |= {("table3", "coarse", "multiplications"): 50.0, ("table3", "refined", "multiplications"): 210.0}
+    rows = [
+        Row(table, "teen", name, metric, "count", value, *facts) for (table, name, metric), value in numbers.items()
+    ]
+    assert claim_chart(Evidence(rows), PAPER, "C15")[0].get_supxlabel().startswith("ratio of multiplications;")
+
+
 def test_what_all_lines_of_a_chart_compare_is_said_once():
     evidence = Evidence(mean_rows(normal={"refined": 0.5}))
     one, two = (claim_chart(evidence, PAPER, claim)[0] for claim in ("C3", "C1"))

@@ -615,7 +615,7 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
             axes.set_yticks(range(len(names)), lines[r] if c == 0 else [])
             axes.tick_params(labelsize=SIZE_PT)
     _legend(figure, has)
-    of_what = f"{quantity}s" if quantity else "the two numbers"
+    of_what = f"{quantity.removesuffix('s')}s" if quantity else "the two numbers"
     figure.supxlabel(f"ratio of {of_what}; in grey, against the claim", fontsize=SIZE_PT)
     about = f"ratios, dots ours{', rings the paper’s' if has[1] else ''}; the claim wants them left of 1"
     about += f"; an arrow is one below {LEAST:g}" if small else ""
