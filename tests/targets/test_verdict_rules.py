@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from replicate.report.effects import Effect
 from replicate.report.results import Row
 from replicate.targets.claims.rules import (
     Comparison,
+    Effect,
     Evidence,
     Judged,
     Number,

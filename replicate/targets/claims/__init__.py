@@ -15,7 +15,6 @@ from replicate.drawing.panels import DPI, WIDTH, Words, tidy
 from replicate.engine.provenance import as_lines
 from replicate.methods.method_registry import method_named
 from replicate.report import notebooks
-from replicate.report.effects import Effect
 from replicate.report.notebooks import folder_of, provenance_text, run_notebook
 from replicate.report.publication import alone, results_folder
 from replicate.report.results import STANDS_FOR, Row, characters_of, order_of, seeds_in_words
@@ -34,6 +33,7 @@ from replicate.targets.claims.rules import (
     RULE,
     UNDECIDED,
     Comparison,
+    Effect,
     Evidence,
     MissingNumber,
     Recipe,

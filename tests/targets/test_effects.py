@@ -1,10 +1,10 @@
-"""Effects: intervals of Student's t for ratios, those of few runs with a spread from elsewhere, and pooled spreads."""
+"""Effects behind verdicts: intervals of Student's t for ratios, those of few runs with a spread from elsewhere, and pooled spreads."""
 
 import math
 
 import pytest
 
-from replicate.report.effects import Effect, Spread, log_ratio, of_means, of_runs, own_spread, pooled
+from replicate.targets.claims.rules import Effect, Spread, log_ratio, of_means, of_runs, own_spread, pooled
 
 
 def test_three_runs_have_the_interval_of_students_t_with_two_degrees_of_freedom():
