@@ -1,4 +1,4 @@
-"""Effects behind verdicts: intervals of Student's t for ratios, those of few runs with a spread from elsewhere, and pooled spreads."""
+"""Effects: intervals of Student's t for ratios, those of few runs with a spread from elsewhere, and pooled spreads."""
 
 import math
 
