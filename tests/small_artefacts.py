@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 from small_face import M, SmallSamples, exact_samples, small_influence, small_mesh, small_samples
 
+from replicate.approximation import spectrum
 from replicate.approximation.rigid import find_attachments
 from replicate.approximation.samples import quantise
+from replicate.approximation.spectrum import slow_waves
 from replicate.config import resolve
 from replicate.engine.stage import StageContext
 from replicate.methods import artefacts
@@ -18,17 +20,17 @@ SHOWN_POSE = 3
 
 
 def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[str, Path]:
-    """Write rig (its mesh alone), samples, influence, rigid segments and the shown pose; return folders by stage."""
+    """Write rig (its mesh alone), samples, influence, rigid segments, waves and the shown pose; return the folders."""
     mesh = small_mesh()
     samples = samples or small_samples(mesh)
-    inputs = {name: folder / name for name in ("rig", "samples", "influence", "rigid", "wrinkled")}
+    inputs = {name: folder / name for name in ("rig", "samples", "influence", "rigid", "waves", "wrinkled")}
     for place in inputs.values():
         place.mkdir(parents=True)
     mesh.save(inputs["rig"] / "mesh.npz")
     np.save(inputs["influence"] / "influence.npy", small_influence(mesh))
-    find_attachments(mesh, mesh.neutral + samples.offsets(np.arange(32)), 0.3, 4).save(
-        inputs["rigid"] / "attachments.npz"
-    )
+    attachments = find_attachments(mesh, mesh.neutral + samples.offsets(np.arange(32)), 0.3, 4)
+    attachments.save(inputs["rigid"] / "attachments.npz")
+    slow_waves(mesh, ~np.isin(mesh.segment, attachments.segment)).save(inputs["waves"] / spectrum.FILE)
     (inputs["wrinkled"] / artefacts.SHOWN_POSE).write_text(json.dumps({"pose": SHOWN_POSE}))
     offsets, steps = quantise(samples.offsets(np.arange(len(samples))))
     arrays = {

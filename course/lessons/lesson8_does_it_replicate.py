@@ -39,11 +39,13 @@ show_text(f"> **C2. {claim_named('C2').text}.** {claim_named('C2').rule}")
 # $$\bar d > 2\,\mathrm{sd}(d),$$
 #
 # where $\mathrm{sd}$ is the standard deviation over the seeds, with $n-1$ in the denominator. With one seed there
-# is no spread to be known, and $\bar d>0$ has to do. (The table then says "one seed", and readers should treat it
-# so.)
+# is no spread to be known, and $\bar d>0$ has to do. This is a rule of thumb.
+# [The suite's own](../../notebooks/claims.ipynb) asks for more: Student's 95 % interval of the *ratio*, and at least
+# half of the paper's effect, with *undecided* and *direction only* between *holds* and *fails*; of a single seed
+# alone it decides nothing.
 #
 # **Exercise 1: the claim** (15 minutes). `clearance` is by how much a comparison holds; `judge_c2` applies the
-# rule above. The paper's six methods are in `lesson8.PAPERS`; the best one should be *refined*, on the dragon
+# rule of thumb. The paper's six methods are in `lesson8.PAPERS`; the best one should be *refined*, on the dragon
 # *dense*. Also return the **effect**: the mean error of that
 # best one, over seeds, divided by the smallest mean among the other five.
 
@@ -97,7 +99,7 @@ table.assign(C2=table["C2"].map({True: "holds", False: "fails"}), effect=table["
 #
 # ## 2. A verdict is not an effect
 # Seed by seed, tiny differences can be certain. Here is another claim of the paper, with its ratios: ours as
-# dots, the paper's as rings. Left of 1 is what the claim wants; a bar is twice the spread.
+# dots, the paper's as rings. Left of 1 is what the claim wants; a bar is the 95 % interval.
 
 # %%
 from replicate.targets.claims import claim_chart, open_claims

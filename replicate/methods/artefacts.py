@@ -223,6 +223,22 @@ def find_rigid(context: StageContext) -> None:
     context.note(rigid_segments=[mesh.segment_names[k] for k in kept.segment], misplaced_mm=by_name)
 
 
+def waves_stage(plan: Plan) -> Stage:
+    """Return the stage that finds the slowest waves of the parts that deform, by which errors are taken apart."""
+    return plan.stage("waves", find_waves, None, rig_stage(plan), rigid_stage(plan))
+
+
+def find_waves(context: StageContext) -> None:
+    """Find the slowest waves of the mesh without its rigid segments."""
+    from replicate.approximation.spectrum import FILE, slow_waves
+
+    mesh = load_mesh(context.inputs)
+    deforming = ~np.isin(mesh.segment, load_attachments(context.inputs).segment)
+    waves = slow_waves(mesh, deforming)
+    waves.save(context.out / FILE)
+    context.note(waves=len(waves.frequencies), shortest_mm=float(2 * np.pi / np.sqrt(waves.frequencies[-1])))
+
+
 def mean_rigid_errors(inputs: Mapping[str, Path]) -> Float[np.ndarray, " s"]:
     """Return each segment's mean residual of Eq. 3 in mm, over all training poses."""
     from replicate.approximation.rigid import mean_segment_errors

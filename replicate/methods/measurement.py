@@ -75,6 +75,7 @@ def stage(plan: Plan, method: Method) -> Stage:
         artefacts.samples_stage(plan),
         artefacts.shown_pose_stage(plan),
         artefacts.rigid_stage(plan),
+        artefacts.waves_stage(plan),
     )
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan))}
     called = (*map(reference, (measure, *read.sources)), settings.facts, settings.multiplications)
@@ -116,19 +117,30 @@ def measured_poses(params: Float[np.ndarray, "t m"], count: int, seed: int) -> I
 
 
 def measure(context: StageContext) -> None:
-    """Measure a method on the unique test poses (§5.1, Eq. 11), and predict the pose that figures show."""
+    """Measure a method on the unique test poses (§5.1, Eq. 11), and predict the pose that figures show.
+
+    The errors are also taken apart by frequency (`approximation.spectrum`).
+    """
     from replicate.approximation.metrics import evaluate
+    from replicate.approximation.spectrum import FILE, Spectrum, Waves
 
     settings, inputs = context.config, context.inputs
     mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
     predict = predictor(settings, inputs)
+    spectrum = Spectrum(Waves.load(inputs["waves"] / FILE))
+
+    def taken_apart(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
+        predicted = predict(params, truth)
+        spectrum.add(predicted - truth)
+        return predicted
+
     poses = measured_poses(samples.test_params, settings.test_poses, settings.seed)
     with context.progress(len(poses), f"errors, {settings.method}") as bar:
         errors = evaluate(
             mesh,
             samples.test_params[poses],
             samples.test_offsets[poses],
-            {settings.method: predict},
+            {settings.method: taken_apart},
             artefacts.load_attachments(inputs).segment.tolist(),
             settings.batch,
             bar,
@@ -138,6 +150,7 @@ def measure(context: StageContext) -> None:
     truth = mesh.neutral + samples.test_offsets[row : row + 1]
     np.save(context.out / POSE, predict(samples.test_params[row : row + 1], truth)[0].astype(np.float32))
     metrics = [*stage_function(settings.facts)(inputs, mesh)] if settings.facts else []
+    metrics += spectrum.metrics()
     if settings.multiplications:
         count = stage_function(settings.multiplications)(inputs, settings.settings)
         metrics.append(("multiplications", "count", count))

@@ -1,10 +1,9 @@
-"""Judge the paper's claims for every character: *holds*, *fails* or *not tested*, with the numbers that decide."""
+"""Judge the paper's claims for every character by their effects, with the numbers that decide."""
 
 import argparse
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,35 +13,48 @@ from replicate.base.paths import REFERENCE, display_path
 from replicate.config import PROFILES, check_profile
 from replicate.drawing.panels import DPI, WIDTH, Words, tidy
 from replicate.engine.provenance import as_lines
+from replicate.methods.method_registry import method_named
 from replicate.report import notebooks
 from replicate.report.notebooks import folder_of, provenance_text, run_notebook
 from replicate.report.publication import alone, results_folder
 from replicate.report.results import STANDS_FOR, Row, characters_of, order_of, seeds_in_words
 from replicate.report.tables import Table, as_latex, as_text, unbroken
 from replicate.targets.claims.rules import (
-    SPREADS,
+    BEST,
+    DIRECTION,
+    FAILS,
+    HOLDS,
+    MEASURED,
+    NETWORKS,
+    NOT_TESTED,
+    PRINTED,
+    RANKS,
+    RECIPES,
+    RULE,
+    UNDECIDED,
     Comparison,
+    Effect,
     Evidence,
     MissingNumber,
-    decide,
+    Recipe,
+    difference,
     folders_of,
     gather,
     published,
     significant,
     stand_in,
+    verdict_of,
 )
 from replicate.targets.claims.verdicts import (
     CLAIMS,
-    FAILS,
     FILE,
-    HOLDS,
-    NOT_TESTED,
     Claim,
     Verdict,
     beaten_by_line,
     claim_named,
     judge,
     judge_all,
+    papers_effect,
     read_verdicts,
     smaller_error,
     verdict_frame,
@@ -83,6 +95,8 @@ def publish(profile: str, latex: bool = False) -> None:
     for verdict in verdicts:
         if verdict.verdict != NOT_TESTED:
             whose = _with_profile(verdict.character, verdict.profile, profiles)
+            whose += "" if verdict.recipe == BEST.name else f", {_recipe(verdict).words}"
+            whose += f", {verdict.place}" if verdict.place else ""
             print(_in_lines(f"{verdict.claim} {whose}: {verdict.verdict}. {verdict.reason}"))
     print(f"\n{_in_lines(origin(verdicts))}")
     print(f"written to {display_path(folder)}: {FILE}, and claims.ipynb to read it in")
@@ -152,9 +166,6 @@ def show_claims_provenance(name: str) -> None:
 # The verdicts, printed: claims against characters, and why.
 
 OF_TABLE2 = ("C1", "C2", "C3", "C4", "C5")
-CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
-NARROW = 0.05  # share of a limit: any verdict that is nearer to it is marked
-NARROW_TIME = 0.1  # the same of times, which repeat less exactly
 
 
 def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
@@ -164,7 +175,7 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     character, such as teen@one_face, are left out. evidence: the rows, for the note on the straight line.
     """
     names = [claim.name for claim in claims]
-    shown = [verdict for verdict in verdicts if "@" not in verdict.character and verdict.claim in names]
+    shown = [each for each in of_recipe(verdicts) if "@" not in each.character and each.claim in names]
     characters = sorted({verdict.character for verdict in shown}, key=order_of)
     columns = [(character, profile) for character in characters for profile in _profiles(shown, character) or [""]]
     cells = {(verdict.claim, verdict.character, verdict.profile): cell(verdict) for verdict in shown}
@@ -174,20 +185,30 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     )
     marks = "".join(cells.values())
     notes = [about(shown)]
+    if any(verdict.verdict == MEASURED for verdict in shown):
+        notes.append("A number: measured, the ratio of two numbers, without a verdict.")
     if "†" in marks:
         notes.append("† By the same rule the paper's own numbers fail too, for the character that it stands for.")
     if "‡" in marks:
-        share = f"{CLOSE:.0%}".replace("%", " %")
-        notes.append(f"‡ Decided by less than {share} on a single seed or run of times: another may turn it.")
-    if "≈" in marks:
-        shares = f"{NARROW:.0%}, times by less than {NARROW_TIME:.0%}".replace("%", " %")
-        notes.append(f"≈ Narrowly: the two numbers that decide differ by less than {shares}.")
+        notes.append(f"‡ {SINGLE_RUN}.")
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
         notes.append("–: not tested; `claims.csv` has the reason of each.")
     header = ("", *(_heading(*column, shown) for column in columns))
     title = "What the paper claims, on our characters"
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))
+
+
+SINGLE_RUN = "A single run: its interval is that of the spread on other characters, or of no spread that is known"
+
+
+def of_recipe(verdicts: Iterable[Verdict], recipe: Recipe = BEST) -> list[Verdict]:
+    """Return the verdicts on networks that are trained by a recipe, without those on single back ends."""
+    return [verdict for verdict in verdicts if verdict.recipe == recipe.name and not verdict.place]
+
+
+def _recipe(verdict: Verdict) -> Recipe:
+    return next(recipe for recipe in RECIPES if recipe.name == verdict.recipe)
 
 
 LINE_LETTERS, CLAIM_LETTERS = 120, 24  # a terminal's width, and what a claim's column keeps of it at least
@@ -256,33 +277,60 @@ def overview(file: Path) -> Table:
     return claims_table(read_verdicts(file), gather([file.parent]))
 
 
-SYMBOLS = {HOLDS: "✅", FAILS: "❌", NOT_TESTED: "–"}
-PAGE_SYMBOLS = {HOLDS: "✔", FAILS: "✘"}  # any font has these, also on a machine without colour emojis
+SYMBOLS = {HOLDS: "✅", DIRECTION: "◔", UNDECIDED: "?", FAILS: "❌", NOT_TESTED: "–"}
+PAGE_SYMBOLS = SYMBOLS | {HOLDS: "✔", FAILS: "✘"}  # any font has these, also on a machine without colour emojis
 MIXED = "◐"
-NARROWLY = "≈ by less than 5 % (of times: 10 %)"
-EFFECT = (
-    "Effect: the ratio of the two numbers that a claim compares, its own factor (2 in C6, 5 in C7) included; below 1 "
-    "supports the claim"
+KINDS = (
+    "holds, {} direction only (less than half of the paper's effect), {} undecided (the interval includes 1), {} fails"
 )
+EFFECT = "Effect: the ratio of the two numbers that decide; below 1 is as claimed"
+NUMBERED = "①②③"
 
 
 def claims_in_brief(file: Path) -> Table:
     """Return a line for each claim: a symbol for each of the paper's stand-ins, and the effect here and in the paper.
 
     file: a folder's `claims.csv`. The effect is the ratio of the two numbers that decide, from the smallest to the
-    largest of the characters.
+    largest of the characters. Each recipe as printed has a column, once something is trained by it.
     """
     verdicts = read_verdicts(file)
+    readings = _printed(verdicts)
     body = []
     for claim in CLAIMS:
-        symbols = (cell(each).replace(each.verdict, SYMBOLS[each.verdict]) for each in stand_ins(verdicts, claim.name))
-        cells = [symbol.replace(" ", "").replace("†", "").replace("‡", "≈") for symbol in symbols]
-        body.append((f"{claim.name} {claim.text}", *cells, *effects(verdicts, claim)))
-    notes = (
-        f"✅ holds, ❌ fails, also where seeds differ more than the two numbers, {NARROWLY}, – not tested. {EFFECT}.",
+        symbols = [_symbol(each) for each in stand_ins(of_recipe(verdicts), claim.name)]
+        printed = (stand_ins(of_recipe(verdicts, recipe), claim.name) for recipe in readings)
+        more = [" ".join(map(_symbol, each)) or "–" for each in printed]
+        body.append((f"{claim.name} {claim.text}", *symbols, *more, *effects(verdicts, claim)))
+    text = KINDS.format(*(SYMBOLS[word] for word in (DIRECTION, UNDECIDED, FAILS)))
+    notes = (f"✅ {text}, a number: measured, without a verdict, – not tested; ‡ a single run. {EFFECT}.",)
+    header = ("", *STANDS_FOR, *_headings(readings), "effect here", "in the paper")
+    return Table(
+        "The paper's claims on our characters",
+        (header,),
+        tuple(body),
+        (*notes, *_readings_note(readings)),
+        text_columns=len(header),
     )
-    header = ("", *STANDS_FOR, "effect here", "in the paper")
-    return Table("The paper's claims on our characters", (header,), tuple(body), notes, text_columns=len(header))
+
+
+def _printed(verdicts: Iterable[Verdict]) -> list[Recipe]:
+    """Return the recipes as printed that something is judged for."""
+    there = {verdict.recipe for verdict in verdicts}
+    return [recipe for recipe in PRINTED if recipe.name in there]
+
+
+def _headings(readings: Sequence[Recipe]) -> list[str]:
+    return [f"as printed {NUMBERED[PRINTED.index(recipe)]}" for recipe in readings]
+
+
+def _readings_note(readings: Sequence[Recipe]) -> list[str]:
+    words = (f"{NUMBERED[PRINTED.index(recipe)]} {recipe.words.removeprefix('as printed, ')}" for recipe in readings)
+    text = "; ".join(words)
+    return [f"As printed, in {len(readings)} readings of what the text leaves open: {text}."] if text else []
+
+
+def _symbol(verdict: Verdict) -> str:
+    return cell(verdict).replace(verdict.verdict, SYMBOLS.get(verdict.verdict, "")).replace(" ", "").replace("†", "")
 
 
 def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
@@ -290,13 +338,20 @@ def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
 
     It sums up what `claims_in_brief` has by character.
     """
+    readings = _printed(verdicts)
     body = tuple(
-        (f"{claim.name} {claim.text}", outcome(stand_ins(verdicts, claim.name)), *effects(verdicts, claim))
+        (
+            f"{claim.name} {claim.text}",
+            outcome(stand_ins(of_recipe(verdicts), claim.name)),
+            *(outcome(stand_ins(of_recipe(verdicts, recipe), claim.name)) for recipe in readings),
+            *effects(verdicts, claim),
+        )
         for claim in CLAIMS
     )
-    notes = (f"✔ holds, ✘ fails, also where seeds differ more than the two numbers, ◐ on some, {NARROWLY}. {EFFECT}.",)
-    header = ("", "on our characters", "effect here", "in the paper")
-    return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2)
+    text = KINDS.format(*(PAGE_SYMBOLS[word] for word in (DIRECTION, UNDECIDED, FAILS)))
+    notes = (f"✔ {text}, ◐ it depends on the character; ‡ single runs. {EFFECT}.", *_readings_note(readings))
+    header = ("", "on our characters", *_headings(readings), "effect here", "in the paper")
+    return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2 + len(readings))
 
 
 def stand_ins(verdicts: Sequence[Verdict], claim: str) -> list[Verdict]:
@@ -310,32 +365,53 @@ def stand_ins(verdicts: Sequence[Verdict], claim: str) -> list[Verdict]:
 
 
 def outcome(verdicts: Sequence[Verdict]) -> str:
-    """Return some characters' verdicts on one claim in a few words: "✔ holds", or on which of them it does."""
+    """Return some characters' verdicts on one claim in a few words: "✔ holds", or which it is on whom."""
     tested = [verdict for verdict in verdicts if verdict.verdict != NOT_TESTED]
     if not tested:
         return "– not tested"
-    by_word = {word: [each for each in tested if each.verdict == word] for word in (HOLDS, FAILS)}
-    told = min(filter(None, by_word.values()), key=len)  # the fewer ones say it in fewer words
-    word = told[0].verdict
-    symbol = PAGE_SYMBOLS[word] if len(told) == len(tested) else MIXED
-    whose = "" if len(told) == len(verdicts) else f" on {', '.join(verdict.character for verdict in told)}"
-    only = " only" if symbol == MIXED else ""
-    narrow = " ≈" if all(set("≈‡") & set(cell(verdict)) for verdict in told) else ""
-    return f"{symbol} {word}{whose}{only}{narrow}"
+    words = sorted({verdict.verdict for verdict in tested}, key=lambda word: -RANKS.index(word) if word in RANKS else 0)
+    whose = {word: [verdict.character for verdict in tested if verdict.verdict == word] for word in words}
+    single = " ‡" if all("‡" in cell(verdict) for verdict in tested) else ""
+    if len(words) == 1:
+        on = "" if len(tested) == len(verdicts) else f" on {', '.join(whose[words[0]])}"
+        return f"{PAGE_SYMBOLS.get(words[0], '')} {words[0]}{on}{single}".strip()
+    parts = (f"{word} on {', '.join(whose[word])}" for word in words)
+    return f"{MIXED} {'; '.join(parts)}{single}"
 
 
 def effects(verdicts: Sequence[Verdict], claim: Claim) -> tuple[str, str]:
     """Return the ratios of the two numbers that decide a claim, as "0.40–0.90": on our characters, and in the paper."""
-    ours = stand_ins(verdicts, claim.name)
-    here = [verdict.value / verdict.limit for verdict in ours if verdict.value is not None and verdict.limit]
-    return _range(here), _range([comparison.ratio for comparison in _deciding(claim, published())])
+    ours = stand_ins(of_recipe(verdicts), claim.name)
+    if claim.everywhere:
+        shown = {verdict.character for verdict in ours}
+        ours = [each for each in verdicts if each.claim == claim.name and each.place and each.character in shown]
+    here = [verdict.effect for verdict in ours if verdict.effect is not None]
+    theirs = [papers_effect(claim, character, published()) for character in STANDS_FOR.values()]
+    return _range(here), _range([effect for effect in theirs if effect is not None])
 
 
-def _deciding(claim: Claim, paper: Evidence) -> Iterable[Comparison]:
-    """Return the comparison that decides a claim for each of the paper's characters whose numbers it prints."""
-    for character in STANDS_FOR.values():
-        with suppress(MissingNumber):
-            yield decide(claim.ways(paper, character))[2]
+def effect_in_words(verdict: Verdict, short: bool = False) -> str:
+    """Return a verdict's effect in words: "teen 0.4 % ± 0.1 less (Hiccup: 25 % less)".
+
+    short: leave out the names and the paper's effect
+    """
+    high = math.inf if verdict.high is None else verdict.high
+    log = math.log(verdict.effect)
+    here = difference(Effect(log, math.log(high) - log))
+    if short:
+        return here
+    if verdict.paper is None:
+        return f"{verdict.character} {here}"
+    return f"{verdict.character} {here} ({verdict.stands_for}: {difference(Effect(math.log(verdict.paper)))})"
+
+
+def effects_in_words(verdicts: Sequence[Verdict]) -> str:
+    """Return the effects of some characters' verdicts on one claim in a sentence, by what is compared; "" for none."""
+    groups: dict[str, list[str]] = {}
+    for verdict in verdicts:
+        if verdict.effect is not None:
+            groups.setdefault(verdict.comparison.replace(" < ", " beside "), []).append(effect_in_words(verdict))
+    return " ".join(f"{what[0].upper()}{what[1:]}: {', '.join(each)}." for what, each in groups.items())
 
 
 def _range(ratios: Sequence[float]) -> str:
@@ -346,17 +422,14 @@ def _range(ratios: Sequence[float]) -> str:
 
 
 def cell(verdict: Verdict) -> str:
-    """Return a verdict as the table shows it, with the marks of its footnotes."""
+    """Return a verdict as the table shows it, with the marks of its footnotes; what is measured as its ratio."""
     if verdict.verdict == NOT_TESTED:
         return "–"
-    marks = [verdict.verdict]
+    marks = [f"{verdict.effect:.2f}" if verdict.verdict == MEASURED else verdict.verdict]
     if verdict.verdict == verdict.published == FAILS:
         marks.append("†")
-    share = abs(verdict.limit - verdict.value) / abs(verdict.limit) if verdict.limit else 1.0
-    if verdict.seeds == 1 and share < CLOSE:
+    if verdict.seeds == 1 and verdict.verdict != MEASURED and verdict.unit != "MB":
         marks.append("‡")
-    elif share < (NARROW_TIME if verdict.unit == "ms" else NARROW):
-        marks.append("≈")
     return " ".join(marks)
 
 
@@ -365,15 +438,9 @@ def about(verdicts: Sequence[Verdict]) -> str:
     tested = [verdict for verdict in verdicts if verdict.verdict != NOT_TESTED]
     if not tested:
         return "Nothing is tested yet."
-    seeds = [verdict.seeds for verdict in tested if verdict.seeds]
-    if max(seeds, default=1) == 1:
-        how = "one seed: numbers are compared as they are"
-    else:
-        count = seeds_in_words(seeds)
-        how = (
-            f"{count}: a difference counts if it is larger than {SPREADS:g} times its standard deviation over the seeds"
-        )
-    return f"Profile {', '.join(sorted({verdict.profile for verdict in tested}))}; {how}."
+    seeds = seeds_in_words([verdict.seeds for verdict in tested if verdict.seeds])
+    profiles = ", ".join(sorted({verdict.profile for verdict in tested}))
+    return f"Profile {profiles}; {seeds or 'one seed'}; verdicts by 95 % intervals of effects."
 
 
 def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
@@ -390,10 +457,17 @@ def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
     return notes
 
 
+def show_rule() -> None:
+    """Show in a notebook how an effect becomes a verdict."""
+    notebooks.show_text("\n\n".join(RULE))
+
+
 def show_claim(opened: OpenClaims, name: str) -> None:
     """Show a claim in a notebook: its verdict, its chart, and the reasons folded. name: "C1"."""
     _show_verdict(opened.verdicts, name)
     if chart := claim_chart(opened.ours, opened.paper, name):
+        notebooks.show(*chart)
+    if name == OF_FREQUENCY and (chart := frequency_chart(opened.ours)):
         notebooks.show(*chart)
     _show_reasons(opened.verdicts, name)
 
@@ -408,30 +482,53 @@ def show_verdict(rows: Sequence[Row], name: str) -> None:
 
 def _show_verdict(verdicts: Sequence[Verdict], name: str) -> None:
     claim = claim_named(name)
-    here, theirs = effects(verdicts, claim)
-    notebooks.show_text(
-        f"**{name}, {claim.text}** ({claim.where}): **{outcome(stand_ins(verdicts, name))}**. "
-        f"Effect here {here}{'; the paper prints no number' if theirs == '–' else f', in the paper {theirs}'}."
-    )
+    theirs = effects(verdicts, claim)[1]
+    lines = [f"**{name}, {claim.text}** ({claim.where})"]
+    for recipe in (BEST, *_printed(verdicts)):
+        chosen = stand_ins(of_recipe(verdicts, recipe), name)
+        if recipe == BEST or any(verdict.verdict != NOT_TESTED for verdict in chosen):
+            lead = "" if recipe == BEST else f"{recipe.words.capitalize()}: "
+            sizes = "" if claim.everywhere else effects_in_words(chosen)  # those have a table
+            lines.append(f"{lead}**{outcome(chosen)}**. {sizes}".strip())
+    lines[0] += f": {lines.pop(1)}{' The paper prints no number.' if theirs == '–' else ''}"
+    notebooks.show_text("\n\n".join(lines))
+    if table := places_table(verdicts, name):
+        notebooks.show_table(table)
 
 
 def _show_reasons(verdicts: Sequence[Verdict], name: str) -> None:
     table = reasons_table(verdicts, name)
     lines = [f"{who}: {verdict}. {reason}" for who, verdict, _, reason in table.body]
     theirs = [f"the paper's numbers: {paper}" for _, _, paper, _ in table.body if paper != "–"]
-    rule = f"It holds if: {claim_named(name).rule}"
+    rule = f"The rule: {claim_named(name).rule}"
     notebooks.show_folded(
         f"The rule of {name}, and why, character by character", [rule, *lines, *dict.fromkeys(theirs)]
     )
 
 
+def places_table(verdicts: Sequence[Verdict], name: str) -> Table | None:
+    """Return a claim's verdicts place by place, a character a column; None for a claim about a single place."""
+    chosen = [each for each in verdicts if each.claim == name and each.place and "@" not in each.character]
+    if not chosen:
+        return None
+    characters = sorted({verdict.character for verdict in chosen}, key=order_of)
+    words = {(each.place, each.character): f"{cell(each)}, {effect_in_words(each, short=True)}" for each in chosen}
+    places = dict.fromkeys(verdict.place for verdict in chosen)
+    body = tuple((place, *(words.get((place, character), "–") for character in characters)) for place in places)
+    notes = (
+        f"Less and more: the time of {chosen[0].comparison.partition(': ')[2].partition(' <')[0]}, beside the other's.",
+    )
+    return Table(f"{name}, by back end", (("", *characters),), body, notes, text_columns=1 + len(characters))
+
+
 def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
     """Return one claim's verdicts with their reasons, one character a line, the verdict on the paper beside ours."""
-    chosen = [verdict for verdict in verdicts if verdict.claim == claim]
+    chosen = [verdict for verdict in verdicts if verdict.claim == claim and not verdict.place]
     profiles = _profiles(chosen)
     body = tuple(
         (
-            _with_profile(verdict.character, verdict.profile, profiles),
+            _with_profile(verdict.character, verdict.profile, profiles)
+            + ("" if verdict.recipe == BEST.name else f", {_recipe(verdict).words}"),
             verdict.verdict,
             _of_the_paper(verdict),
             verdict.reason,
@@ -443,22 +540,27 @@ def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
 
 
 def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> Table:
-    """Return for each character whether one method's mean error is smaller than another's, by the rule of the claims.
+    """Return for each character whether one method's mean error is smaller than another's: the direction alone.
 
     kind: "vertex" or "normal". A character that lacks a number is not tested; variants of a character are left out.
     """
+
+    def ways(evidence: Evidence, character: str) -> tuple[tuple[Comparison, ...], ...]:
+        return ((smaller_error(evidence, character, method, other, kind),),)
+
     body = []
     for character in (name for name in evidence.characters() if "@" not in name):
         try:
-            comparison = smaller_error(evidence, character, method, other, kind)
-            body.append((character, HOLDS if comparison.satisfied else FAILS, f"{comparison}"))
+            ((comparison,),) = ways(evidence, character)
+            effect = comparison.effect(evidence.borrowed(ways, comparison))
+            body.append((character, verdict_of(effect, 0.0), f"{comparison} ({difference(effect)})"))
         except MissingNumber as missing:
             body.append((character, NOT_TESTED, f"{missing}"))
     return Table(f"Is {method} below {other}?", (("", "verdict", "why"),), tuple(body), text_columns=3)
 
 
 def _of_the_paper(verdict: Verdict) -> str:
-    return f"{verdict.published} ({verdict.stands_for})" if verdict.published in (HOLDS, FAILS) else "–"
+    return f"{verdict.published} ({verdict.stands_for})" if verdict.published in RANKS else "–"
 
 
 # A claim's numbers as a chart: ours beside the paper's, as ratios that the claim wants below 1.
@@ -505,12 +607,15 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     for r, (names, shown) in enumerate(rows):
         for c, character in enumerate(shown):
             axes = figure.add_subplot(grid[r, c])
-            phrases += _draw(axes, names, panels[character], character, limits)
+            ways = claim_named(claim).ways
+            ours = {name: pair[0] for name, pair in panels[character].items() if pair[0]}
+            bars = {name: each.effect(evidence.borrowed(ways, each)) for name, each in ours.items()}
+            phrases += _draw(axes, names, panels[character], bars, character, limits)
             axes.set_title(_title(panels[character], character, has[1]), fontsize=TITLE_PT, loc="left")
             axes.set_yticks(range(len(names)), lines[r] if c == 0 else [])
             axes.tick_params(labelsize=SIZE_PT)
     _legend(figure, has)
-    of_what = f"{quantity}s" if quantity else "the two numbers"
+    of_what = f"{quantity.removesuffix('s')}s" if quantity else "the two numbers"
     figure.supxlabel(f"ratio of {of_what}; in grey, against the claim", fontsize=SIZE_PT)
     about = f"ratios, dots ours{', rings the paper’s' if has[1] else ''}; the claim wants them left of 1"
     about += f"; an arrow is one below {LEAST:g}" if small else ""
@@ -533,8 +638,10 @@ def _shared_quantity(names: list[str]) -> str:
     return quantities.pop() if len(quantities) == 1 else ""
 
 
-def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[float, float]) -> list[str]:
-    """Draw a character's panel, and return our ratios in words."""
+def _draw(
+    axes, names: list[str], pairs: Pairs, bars: dict[str, Effect], character: str, limits: tuple[float, float]
+) -> list[str]:
+    """Draw a character's panel, and return our ratios in words. bars: our effects by the comparisons' names."""
     phrases, (lower, upper) = [], limits
     axes.axvspan(1.0, upper, color="0.93", zorder=0)
     axes.axvline(1.0, color="0.4", linewidth=0.8, zorder=1)
@@ -546,7 +653,9 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
         if ours and ours.ratio < LEAST:
             axes.plot(_arrow(axes, lower, y), y, "<", color=OURS, markersize=8)
         elif ours:
-            axes.errorbar(ours.ratio, y, xerr=_half_width(ours), fmt="o", color=OURS, markersize=6, capsize=3)
+            axes.errorbar(
+                ours.ratio, y, xerr=_bar(bars[name], lower, upper), fmt="o", color=OURS, markersize=6, capsize=3
+            )
         if ours:
             phrases.append(f"{character}, {name}: {significant(ours.ratio, 2)}")
     axes.set_xscale("log")
@@ -596,7 +705,9 @@ def pairs_of(evidence: Evidence, paper: Evidence, claim: str, character: str) ->
     ours, theirs = (
         _comparisons(ways, rows, name) for rows, name in ((evidence, character), (paper, stand_in(character)))
     )
-    return {name: (ours.get(name), theirs.get(name)) for name in {**ours, **theirs}}
+    keys = {name: comparison.key for name, comparison in ours.items()}
+    alone = {name: (None, each) for name, each in theirs.items() if name not in keys.values()}
+    return {name: (each, theirs.get(keys[name])) for name, each in ours.items()} | alone
 
 
 def _comparisons(ways, evidence: Evidence, character: str) -> dict[str, Comparison]:
@@ -606,6 +717,62 @@ def _comparisons(ways, evidence: Evidence, character: str) -> dict[str, Comparis
         return {}
 
 
-def _half_width(comparison: Comparison) -> float | None:
-    """Return half the length of the bar of a ratio's spread: it ends at 1 if the difference just suffices."""
-    return comparison.spread / comparison.right.value if comparison.spread else None
+OF_FREQUENCY = "C5"
+BAND = "frequency_band_"
+
+
+def frequency_chart(evidence: Evidence) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return (figure, words): errors by octaves of the mesh's waves, a panel a character and a line a network.
+
+    The last point of a line is what no wave of the basis has. None where no errors are taken apart.
+    """
+    from matplotlib.figure import Figure
+
+    lines: dict[str, dict[str, list[float]]] = {}
+    for character in (name for name in evidence.characters() if "@" not in name):
+        for method in NETWORKS:
+            found = [row for row in evidence.rows.values() if row.key[1:3] == (character, method)]
+            bands = {int(row.metric.removeprefix(BAND)): row.value for row in found if row.metric.startswith(BAND)}
+            if bands:
+                lines.setdefault(character, {})[method] = [bands[k] for k in sorted(bands)]
+    if not lines:
+        return None
+    across = min(PANELS, len(lines))
+    down = -(-len(lines) // across)
+    figure = Figure((WIDTH, 2.6 * down + FRAME), dpi=DPI, layout="constrained")
+    grid = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
+    for axes in grid[len(lines) :]:
+        axes.set_visible(False)
+    for axes, (character, methods) in zip(grid, lines.items(), strict=False):
+        for method, roots in methods.items():
+            known = method_named(method)
+            axes.plot(range(len(roots)), roots, color=known.colour, marker=LINE_MARKS[method], label=known.label)
+        count = len(roots)
+        axes.set_xticks([0, count - 2, count - 1], ["1", f"{2 ** (count - 2):,}", "rest"])
+        axes.set_yscale("log")
+        axes.set_title(character, fontsize=TITLE_PT, loc="left")
+        axes.tick_params(labelsize=SIZE_PT)
+        tidy(axes)
+    grid[0].set_ylabel("error, mm", fontsize=SIZE_PT)
+    figure.supxlabel("waves of the mesh, from slow to quick, by octaves", fontsize=SIZE_PT)
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(NETWORKS), frameon=False, fontsize=SIZE_PT)
+    ends = [
+        f"{character}, {method} {significant(roots[-1], 2)} mm in the rest"
+        for character, methods in lines.items()
+        for method, roots in methods.items()
+    ]
+    alt = f"Lines of the root of the mean squared error by octaves of waves, logarithmic. {'; '.join(ends)}."
+    return figure, Words(
+        alt, "C5: errors by octaves of the mesh's waves, slow ones left; the rest is of high frequency."
+    )
+
+
+LINE_MARKS = {"coarse": "o", "refined": "s", "dense": "^"}
+
+
+def _bar(effect: Effect, lower: float, upper: float) -> list[list[float]] | None:
+    """Return the lengths of the bar of an effect's interval on both sides, within limits; None where it has none."""
+    if not 0 < effect.half < math.inf:
+        return None
+    return [[effect.ratio - max(effect.low, lower)], [min(effect.high, upper) - effect.ratio]]
