@@ -36,9 +36,9 @@ from replicate.methods.attachment import placing_attachments
 from replicate.methods.method import Method, Model
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
+from replicate.timing.backends import onnx_evaluation
 from replicate.timing.gpu_evaluation import gpu_evaluation
 from replicate.timing.machine import confined, counters, energy_j, why_no_energy
-from replicate.timing.onnx_evaluation import onnx_evaluation
 from replicate.timing.single_poses import (
     BACKENDS,
     FAST,

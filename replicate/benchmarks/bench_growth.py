@@ -32,8 +32,8 @@ from replicate.regional.model import RegionalModel, StoredBasis
 from replicate.regional.networks import fresh_networks
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
+from replicate.timing.backends import plain_offsets
 from replicate.timing.machine import confined
-from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import (
     BACKENDS,
     FAST,

@@ -44,10 +44,9 @@ from replicate.methods.method_registry import method_named
 from replicate.regional.model import RegionalModel
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
+from replicate.timing.backends import onnx_evaluation, plain_offsets
 from replicate.timing.jax_evaluation import jax_evaluation
 from replicate.timing.machine import CACHE_BYTES, bytes_per_s, confined, multiply_adds_per_s
-from replicate.timing.onnx_evaluation import onnx_evaluation
-from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import (
     BACKENDS,
     FAST,

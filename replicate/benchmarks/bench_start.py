@@ -31,7 +31,7 @@ from replicate.methods import artefacts
 from replicate.methods.attachment import placing_attachments
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
-from replicate.timing.onnx_evaluation import onnx_bytes
+from replicate.timing.backends import onnx_bytes
 from replicate.timing.single_poses import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
 
 ABOUT = "seconds and memory of a fresh process until its first pose, by method and way to evaluate it"

@@ -47,7 +47,7 @@ from replicate.methods.training_stage import inputs_of_networks
 from replicate.regional.model import RegionalModel, regional_loss
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
-from replicate.timing.plain_evaluation import read_full_maps
+from replicate.timing.backends import read_full_maps
 
 ABOUT = "milliseconds of a training step, ours beside a plain one, and what each piece of ours brings"
 WRITES = "results/runs/bench/bench_train.csv"

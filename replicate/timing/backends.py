@@ -1,10 +1,17 @@
 """All ways to evaluate the same trained model, with the rigid step: what a table of backends compares."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from jaxtyping import Float
 
+from replicate.approximation.cnn import MapNetwork
+from replicate.approximation.deformation_map import sample
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments, attach
+from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import Evaluate, fast_evaluation
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
@@ -12,8 +19,6 @@ from replicate.methods.method import Model
 from replicate.timing.gpu_evaluation import gpu_evaluation, graph_evaluation
 from replicate.timing.jax_evaluation import jax_evaluation
 from replicate.timing.machine import core_total
-from replicate.timing.onnx_evaluation import onnx_bytes, run_by_onnx
-from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import FAST, GPU, GRAPH, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
 
 
@@ -66,3 +71,89 @@ def largest_difference(
     """Return the largest difference of a coordinate between evaluated poses and what is expected of them, mm."""
     pairs = zip(poses, expected, strict=True)
     return max(float(np.abs(evaluate(pose[None])[0] - vertices).max()) for pose, vertices in pairs)
+
+
+# The plain way to evaluate the paper's networks: a torch module a segment, maps in full, which the vertices then read.
+#
+# It is what a first implementation does, Fig. 3 layer by layer in torch's operations; the suite's faster evaluation of
+# the same weights is compared with it.
+
+
+def plain_offsets(model: Model) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Return parameters (b, m) → offsets (b, n, 3) mm by the plain way; None for a model without deformation maps."""
+    parts = [model.coarse, model.residual] if isinstance(model, RefinedModel) else [model]
+    if not all(isinstance(part, SegmentedModel) and _has_maps(part) for part in parts):
+        return None
+
+    def offsets(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
+        with torch.no_grad():
+            return sum(_evaluate(part, torch.tensor(np.asarray(params, np.float32))) for part in parts).numpy()
+
+    return offsets
+
+
+def read_full_maps(network: MapNetwork, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
+    """Return the offsets that vertices read from maps computed in full (Fig. 3), not yet in mm."""
+    return sample(network.maps(params), network.pixels, network.shares)
+
+
+def _has_maps(model: SegmentedModel) -> bool:
+    return all(isinstance(network, MapNetwork) for network in model.networks)
+
+
+def _evaluate(model: SegmentedModel, params: torch.Tensor) -> torch.Tensor:
+    scaled = params / model.scale
+    out = torch.zeros(len(params), model.vertex_count, 3)
+    for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True):
+        out[:, segment.vertices] = read_full_maps(network, scaled[:, segment.parameters]) * length
+    return out
+
+
+# A trained model evaluated by ONNX Runtime: the file that leaves the suite, its rigid step inside.
+
+
+Evaluate = Callable[[np.ndarray], np.ndarray]
+
+
+def onnx_evaluation(model: object, mesh: Mesh, attachments: Attachments | None) -> Evaluate | None:
+    """Return parameters (b, m) → vertices (b, n, 3) mm by ONNX Runtime, on one thread.
+
+    None where the runtime is not installed, and for a model that can't be written as ONNX. attachments: None for no
+    rigid step.
+    """
+    written = onnx_bytes(model, mesh, attachments)
+    return run_by_onnx(written) if written else None
+
+
+def onnx_bytes(model: object, mesh: Mesh, attachments: Attachments | None) -> bytes | None:
+    """Return a model as an ONNX file; None where `onnx_evaluation` returns None."""
+    try:
+        import onnxruntime  # noqa: F401 — without it nothing could run the file
+
+        from replicate.deployment.onnx_model import onnx_model
+
+        return onnx_model(model, mesh, attachments).SerializeToString()
+    except (ImportError, InputError):
+        return None
+
+
+def run_by_onnx(written: bytes, threads: int = 1, spins: bool = False) -> Evaluate:
+    """Return parameters (b, m) → vertices (b, n, 3) mm of an ONNX file.
+
+    threads: how many share the work of an operator. spins: whether a thread that waits for the next operator keeps its
+    core busy, so that it starts at once.
+    """
+    import onnxruntime
+
+    from replicate.deployment.onnx_model import PARAMETERS
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spins)))
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(written, options, providers=["CPUExecutionProvider"])
+
+    def evaluate(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
+        return session.run(None, {PARAMETERS: np.ascontiguousarray(params, np.float32)})[0]
+
+    return evaluate

@@ -15,7 +15,7 @@ from replicate.benchmarks import first_pose as fresh
 from replicate.methods import artefacts, method_registry
 from replicate.methods.method import Method
 from replicate.timing import single_poses
-from replicate.timing.onnx_evaluation import onnx_bytes
+from replicate.timing.backends import onnx_bytes
 
 
 def test_a_fresh_process_that_has_the_file_alone_poses_a_face(tmp_path):

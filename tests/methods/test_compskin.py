@@ -53,7 +53,7 @@ def test_size_and_work_are_those_of_what_is_not_zero(trained):
 
 def test_it_can_be_differentiated_by_the_controls_and_leaves_the_suite(trained):
     from replicate.inverse.at_vertices import at_vertices
-    from replicate.timing.onnx_evaluation import onnx_evaluation
+    from replicate.timing.backends import onnx_evaluation
 
     inputs, _ = trained
     model, mesh = compskin.load_model(inputs), artefacts.load_mesh(inputs)

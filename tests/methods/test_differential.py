@@ -57,7 +57,7 @@ def test_size_and_work_count_what_is_stored_and_what_each_network_sees(trained):
 
 def test_it_can_be_differentiated_by_the_controls_and_leaves_the_suite(trained):
     from replicate.inverse.at_vertices import at_vertices
-    from replicate.timing.onnx_evaluation import onnx_evaluation
+    from replicate.timing.backends import onnx_evaluation
 
     inputs, _ = trained
     model, mesh = differential.load_model(inputs), artefacts.load_mesh(inputs)

@@ -28,14 +28,17 @@ from replicate.geometry.mesh import Mesh
 from replicate.report.results import STANDS_FOR, characters_of, find, read_results, write_results
 from replicate.report.tables import as_markdown, as_text
 from replicate.targets.compare import compare
-from replicate.targets.table1.rows import WIDTHS, SizeSettings, rows_of, sizes_mb
 from replicate.targets.table1.tables import (
     COUNTS,
+    WIDTHS,
+    SizeSettings,
     bracket,
     implied_vertices,
     ratio_chart,
+    rows_of,
     size_claim,
     size_ratio,
+    sizes_mb,
     table1,
 )
 

@@ -9,8 +9,7 @@ from untrained_models import MESH, MODELS
 
 from replicate.approximation.rigid import attach, find_attachments
 from replicate.targets.table3.rows import PEERS_EVERY, turns_of, ways_on
-from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
-from replicate.timing.onnx_evaluation import onnx_evaluation
+from replicate.timing.backends import fast_rigid_step, largest_difference, onnx_evaluation, other_backends
 from replicate.timing.single_poses import FAST, HALF, JAX, ONNX, PLAIN, THREADED, Way, in_table_order, label_of, parted
 
 POSES = np.random.default_rng(0).uniform(-1, 1, (5, 12)).astype(np.float32)

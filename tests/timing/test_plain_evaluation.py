@@ -8,7 +8,7 @@ from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.segments import Segment
 from replicate.baselines.dense import DenseNetwork
-from replicate.timing.plain_evaluation import plain_offsets
+from replicate.timing.backends import plain_offsets
 
 RNG = np.random.default_rng(0)
 

@@ -13,8 +13,7 @@ from replicate.methods.plan import Plan
 from replicate.report.publication import CharacterResult, publish_rows, results_folder
 from replicate.report.results import read_results, write_results
 from replicate.report.tables import as_text
-from replicate.targets.table1.rows import SizeSettings, rows_of
-from replicate.targets.table1.tables import size_claim, table1
+from replicate.targets.table1.tables import SizeSettings, rows_of, size_claim, table1
 
 FILE = "table1.csv"
 
