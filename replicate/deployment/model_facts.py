@@ -17,8 +17,9 @@ OUT_OF_RANGE = (
 )
 LICENCE = "MIT licence for the code that wrote this file."
 PATENTS = (
-    "The method of the paper is patented: DreamWorks holds US 11,348,314 B2 and its family, and Pixar's related "
-    "FaceBaker is US 11,941,739. No right to either is granted. For research and teaching."
+    "The method of the paper is patented: DreamWorks holds US 11,348,314 B2 and its family, Pixar's related "
+    "FaceBaker is US 11,941,739, and Electronic Arts' inverse rig is US 12,586,281 B2. No right to any is granted. For "
+    "research and teaching."
 )
 HALF = "float16, computed in float32"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from replicate.report.results import Row
 
-_BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§‖★☆¤≈])")
+_BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§‖★☆△¤≈])")
 _CODE = re.compile(r"`([^`]*)`")
 _MARKUP = re.compile(r"<(?=[A-Za-z/!?])|&(?=[#\w])|(?<=\])\(|[\\*$]")  # tags, entities, links, emphasis, formulas
 _CODE_OR_MARKUP = re.compile(rf"(`[^`]+`)|{_MARKUP.pattern}")
@@ -261,6 +261,7 @@ _TEX = str.maketrans(
         "‖": r"$\parallel$",
         "¤": r"$\circ$",
         "◊": r"$\diamond$",
+        "△": r"$\triangle$",
         "≈": r"$\approx$",
         "≤": r"$\le$",
         "°": r"$^\circ$",

@@ -162,8 +162,8 @@ def test_methods_without_a_model_are_left_out_of_many_and_refused_by_name():
 
 def test_the_note_on_patents_is_that_of_the_readme():
     readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
-    for words in ("US 11,348,314 B2 and its family", "Pixar's related FaceBaker is US 11,941,739"):
-        assert words in readme and words in PATENTS
+    for number in ("US 11,348,314 B2 and its family", "FaceBaker is US 11,941,739", "inverse rig is US 12,586,281 B2"):
+        assert number in readme and number in PATENTS
 
 
 def test_models_of_a_face_from_a_file_say_where_its_vertices_are(inputs, tmp_path, monkeypatch):

@@ -605,6 +605,9 @@ def _back_ends_time(evidence: Evidence, character: str, method: str, endings: Se
     return evidence.number("table3", character, best.method if best else method + endings[0], "time_all_cores", method)
 
 
+NO_GPU = "Our approximations are not timed on a GPU."
+
+
 def cpu_beats_gpu(evidence: Evidence, character: str) -> Ways:
     """Return what C9 measures: the refined and the coarse model's time on a CPU beside that on a GPU.
 
@@ -620,6 +623,8 @@ def cpu_beats_gpu(evidence: Evidence, character: str) -> Ways:
             if (table, character, *key) in evidence.rows and not (published_one and ending == GRAPH):
                 graphics = evidence.number(table, character, *key, name)
                 comparisons.append(Comparison("time", "ms", _time_on_cpu(evidence, character, method, table), graphics))
+    if not comparisons:
+        raise MissingNumber(NO_GPU)
     return (tuple(comparisons),)
 
 
@@ -641,7 +646,7 @@ def _table_with_gpu(evidence: Evidence, character: str) -> str:
     for table in ("table3", GPU_TABLE):
         if best_row(evidence.rows.values(), character, "refined", "gpu", table):
             return table
-    raise MissingNumber("Our approximations are not timed on a GPU.")
+    raise MissingNumber(NO_GPU)
 
 
 def _time_on_cpu(evidence: Evidence, character: str, method: str, table: str) -> Number:
