@@ -22,7 +22,7 @@ import numpy as np
 from replicate.base.schema import number
 from replicate.config import ConditioningConfig
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import artefacts, pca
+from replicate.methods import pca
 from replicate.methods.method import Method, variant
 from replicate.methods.pca import PcaConfig
 from replicate.methods.plan import Plan
@@ -75,20 +75,15 @@ def train(context: StageContext) -> None:
     import torch
 
     from replicate.approximation.conditioning import initialise, parameter_scale
-    from replicate.approximation.losses import Supervision
-    from replicate.approximation.segments import Segment, faces_within, segment_vertices
+    from replicate.approximation.segments import faces_within
     from replicate.approximation.training import prepare
-    from replicate.approximation.training import train as minimise
     from replicate.baselines.differential import umbrella
     from replicate.baselines.skinning import compskin
 
     settings, section, name = context.config, context.config.section, context.name
-    device = prepare(settings.device)
-    # one segment of all deformable vertices, which sees every control
-    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
-    vertices = np.sort(segment_vertices(artefacts.load_coarse_segments(context.inputs, mesh)))
-    count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
-    segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
+    prepare(settings.device)
+    mesh, samples, segment = pca.whole_face(context.inputs)
+    vertices, count = segment.vertices, len(segment.parameters)
     # the shapes, compressed
     basis, mean = pca.components(samples, segment.vertices, section, settings.seed)
     shapes = np.concatenate([basis, mean[None]]).reshape(len(basis) + 1, -1, 3)
@@ -104,24 +99,8 @@ def train(context: StageContext) -> None:
     network.skin(compressed, rest)
     initialise(ConditioningConfig(), [network], section.leaky_slope, torch.Generator().manual_seed(settings.seed))
     scale = parameter_scale(samples.params)
-    model = compskin.CompressedModel([network], [segment], scale, [1.0], len(mesh.neutral)).to(device)
-    # the training
-    supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)
-
-    def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(settings.seed, name, step, section.training)
-        return supervision.loss(model(params), target)
-
-    validation = supervision.validation()
-    log = minimise(
-        model,
-        loss_of_step,
-        section.training,
-        context.scratch,
-        context.progress,
-        name,
-        lambda: validation(model.offsets),
-    )
+    model = compskin.CompressedModel([network], [segment], scale, [1.0], len(mesh.neutral))
+    log = pca.train_model(context, model, samples, mesh)
     compskin.save_compressed(model, context.out, section.hidden, section.leaky_slope)
     write_training(context, model, log)
     context.note(components=len(basis), bones=len(compressed.centres), numbers=network.numbers())

@@ -25,7 +25,7 @@ import numpy as np
 from replicate.base.schema import Checked, number
 from replicate.config import ConditioningConfig, TrainingConfig
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import artefacts
+from replicate.methods import artefacts, pca
 from replicate.methods.method import Method, variant
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, write_training
@@ -90,18 +90,15 @@ def train(context: StageContext) -> None:
 
     from replicate.approximation.conditioning import initialise, parameter_scale
     from replicate.approximation.losses import Supervision, spread
-    from replicate.approximation.segments import Segment, faces_within, segment_vertices
+    from replicate.approximation.segments import faces_within
     from replicate.approximation.training import prepare
     from replicate.approximation.training import train as minimise
     from replicate.baselines import differential
 
     settings, section, name = context.config, context.config.section, context.name
     device = prepare(settings.device)
-    # one segment of all deformable vertices, which sees every control
-    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
-    vertices = np.sort(segment_vertices(artefacts.load_coarse_segments(context.inputs, mesh)))
-    count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
-    segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
+    mesh, samples, segment = pca.whole_face(context.inputs)
+    vertices = segment.vertices
     # anchors and the subspace of local shape
     laplacian = differential.umbrella(faces_within(mesh.faces, vertices, len(mesh.neutral)), len(vertices))
     rows = spread(len(samples), section.basis_samples)
