@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from data_recipes.rig import has_function
+from data_recipes.rig import BATCH
 from replicate.base.exceptions import InputError
 from replicate.base.schema import Checked, number
 from replicate.config import TrainingConfig
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     import replicate.regional.basis
     import replicate.regional.model
     import replicate.regional.networks
+
 
 STEPS = {"quick": 1_200, "laptop": 16_000, "paper": 100_000}
 TRAINING = TrainingConfig("one_cycle", STEPS["paper"], 64, "uniform", peak_rate=1.6e-2, largest_gradient=1.0)
@@ -262,10 +263,9 @@ def rig_slopes(
     A direction leads a part of the way to another training sample, so that poses do differ in that way. Raises
     InputError for a rig that can't be differentiated.
     """
-    from replicate.regional.derivatives import derivative_batches
-
     section, rig = context.config.section, artefacts.load_rig(context.inputs)
-    if not has_function(rig):
+    function = getattr(rig, "function", None)
+    if function is None:
         raise InputError(
             f"{context.name}.derivatives: expected 0, since {rig.name} is known by its samples alone, which have no "
             f"derivatives, got {section.derivatives}"
@@ -274,7 +274,7 @@ def rig_slopes(
     directions = np.asarray(section.reach * (params[others] - params), np.float32)
     slopes = []
     with context.progress(len(params), "derivatives of the rig") as bar:
-        for moved in derivative_batches(rig, np.asarray(params), directions):
+        for moved in derivative_batches(function, np.asarray(params), directions):
             parts = [
                 moved[:, basis.vertices.numpy()].reshape(len(moved), -1) @ onto
                 for basis, onto in zip(bases, projections, strict=True)
@@ -308,3 +308,24 @@ METHOD = Method(
     colour="#332288",
     default_section=default_section,
 )
+
+
+# The rig's exact derivatives at many poses, each along another direction, which Sobolev training fits as well as the
+# rig's values (Czarnecki et al., Sobolev Training for Neural Networks, 2017).
+
+
+def derivative_batches(
+    rig: Callable, params: Float[np.ndarray, "s m"], directions: Float[np.ndarray, "s m"]
+) -> Iterator[Float32[np.ndarray, "b n 3"]]:
+    """Yield ∂V/∂p · d in mm of each pose and its direction d, exactly, in batches.
+
+    rig: parameters (b, m) → vertices (b, n, 3) in mm, which JAX can trace, as the function of a FunctionRig.
+    """
+    import jax
+
+    push = jax.jit(lambda poses, along: jax.jvp(rig, (poses,), (along,))[1])
+    for start in range(0, len(params), BATCH):
+        both = np.asarray([array[start : start + BATCH] for array in (params, directions)], np.float32)
+        count = both.shape[1]
+        padded = np.concatenate([both, np.repeat(both[:, -1:], BATCH - count, axis=1)], axis=1)
+        yield np.asarray(push(*padded), np.float32)[:count]

@@ -1,12 +1,23 @@
 """Poses and clips for other programs."""
 
 import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float32
+
+from data_recipes.catalogue import expression_poses, read_clip
+from data_recipes.rig import Rig, frames_per_second
 from replicate.base import paths
 from replicate.base.exceptions import InputError
+from replicate.base.schema import shown
+from replicate.base.user_files import as_whole_number, check_output_file
 from replicate.cli.options import characters
-from replicate.export.command import Request, export
+from replicate.export.animation import animated_glb
+from replicate.export.files import by_material, glb, moving_parts, obj, posed_parts, write_whole
 from replicate.methods import artefacts
+from replicate.poser.saved_pose import read_pose
 
 
 def run(options: argparse.Namespace) -> None:
@@ -18,3 +29,117 @@ def run(options: argparse.Namespace) -> None:
     for character in names:
         files, about = export(artefacts.rig_of(character), request)
         print(f"written to {', '.join(paths.display_path(file.absolute()) for file in files)}: {about}")
+
+
+# What `make export` does: choose a pose or a clip of a character by name, and write it to a file.
+
+ENDINGS = (".glb", ".obj")
+TOLERANCE_MM = 0.05
+LEAST_TOLERANCE_MM = 0.001
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to export: one of `pose`, `clip` and `params`, or none of them for the neutral pose.
+
+    pose: an expression's name
+    clip: a clip's name or number
+    params: a CSV file of control values, a row a frame, or a pose that the posing page saved, as .json
+    to: the file to write, else one in results/runs/export
+    tolerance_mm: how far a vertex of a clip may be off
+
+    Raises InputError for more than one of the three, a file that can't be written, or a bad tolerance.
+    """
+
+    pose: str | None = None
+    clip: str | None = None
+    params: str | None = None
+    to: str | None = None
+    tolerance_mm: float = TOLERANCE_MM
+
+    def __post_init__(self) -> None:
+        sources = [name for name in ("pose", "clip", "params") if getattr(self, name) is not None]
+        if len(sources) > 1:
+            raise InputError(f"expected one of pose, clip and params, got {' and '.join(sources)}")
+        if not self.tolerance_mm >= LEAST_TOLERANCE_MM or self.tolerance_mm == float("inf"):
+            raise InputError(
+                f"tolerance: expected a number of at least {LEAST_TOLERANCE_MM} mm, got {self.tolerance_mm}"
+            )
+        if self.to is not None:
+            _check_file(paths.with_home(self.to, "to"))
+            if self.clip is not None and Path(self.to).suffix.lower() == ".obj":
+                raise InputError(f"{self.to} can hold one pose and not a clip: name a .glb file")
+
+
+def _check_file(file: Path) -> None:
+    if file.suffix.lower() not in ENDINGS:
+        raise InputError(f"{file}: expected a name that ends in {' or '.join(ENDINGS)}")
+    check_output_file(file)
+    if not file.absolute().parent.is_dir():
+        raise InputError(f"there is no folder {file.absolute().parent} to write {file.name} to: make it first")
+
+
+def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
+    """Write a rig's pose or clip; return the files and what is in them, in words. Files appear whole or not at all.
+
+    Raises InputError for an unknown pose or clip, or a bad file of parameters.
+    """
+    name, poses = requested_poses(rig, request)
+    file = paths.with_home(request.to, "to") if request.to else paths.run_folder("export") / f"{rig.name}_{name}.glb"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    about = {"character": rig.name, "pose": name}
+    if len(poses) > 1:
+        if file.suffix.lower() == ".obj":
+            raise InputError(f"{file} can hold one pose, and {name} has {len(poses)}: name a .glb file")
+        rest, frames = moving_parts(rig, poses)
+        about |= {"clip": about.pop("pose"), "frames_per_second": frames_per_second(rig)}
+        data, tracks = animated_glb(rest, frames, about, request.tolerance_mm, frames_per_second(rig))
+        write_whole(file, data)
+        return [file], _summary(poses, tracks, len(data), frames_per_second(rig))
+    head, *props = posed_parts(rig, poses[0])
+    words = f"{len(head.vertices):,} vertices and {len(props)} props"
+    if file.suffix.lower() == ".glb":
+        write_whole(file, glb([head, *props], about))
+        return [file], words
+    material = file.with_suffix(".mtl")
+    text, materials = obj([*by_material(rig, head), *props], f"{rig.name}, {name}", material.name)
+    write_whole(material, materials.encode())
+    write_whole(file, text.encode())
+    return [file, material], words
+
+
+def _summary(poses: np.ndarray, tracks: list, size_bytes: int, rate: float) -> str:
+    head, worst = len(tracks[0].shapes), max(track.error_mm for track in tracks)
+    return (
+        f"{len(poses)} frames at {rate:g} a second; {head} morph targets for the head, "
+        f"no vertex more than {worst:.3f} mm off; {size_bytes / 1e6:.1f} MB"
+    )
+
+
+def requested_poses(rig: Rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
+    """Return the name and the parameters (t, m) of the requested pose or clip; a pose has one row."""
+    if request.params is not None:
+        file = Path(request.params)
+        is_pose = file.suffix.lower() == ".json"
+        return file.stem, read_pose(file, rig)[0][None] if is_pose else read_clip(rig, file)
+    if request.clip is not None:
+        clip = _clip(rig, request.clip)
+        return clip.name, np.asarray(clip.values, np.float32)
+    poses = expression_poses(rig)
+    name = request.pose if request.pose is not None else "neutral"
+    if name not in poses:
+        raise InputError(f"{rig.name} has no pose {shown(name)}; it has {', '.join(poses)}")
+    return name, poses[name][None]
+
+
+def _clip(rig, name: str):
+    clips = {clip.name: clip for clip in rig.clips or ()}
+    if name in clips:
+        return clips[name]
+    if not clips:
+        raise InputError(f"{rig.name} has no clips: choose a pose, or a file of parameters")
+    number = as_whole_number(name)
+    if number is not None and number < len(clips):
+        return list(clips.values())[number]
+    choices = f"{', '.join(clips)}, numbered from 0 to {len(clips) - 1}"
+    raise InputError(f"{rig.name} has no clip {shown(name)}; it has {choices}")

@@ -20,11 +20,11 @@ from data_recipes.rig import Clip
 from replicate import __main__ as cli
 from replicate.base.exceptions import InputError
 from replicate.cli.options import OPTIONS
-from replicate.export import command
 from replicate.export.animation import follow, low_rank
-from replicate.export.command import Request, export, requested_poses
 from replicate.export.files import write_whole
 from replicate.geometry.mesh import Mesh, vertex_normals
+from replicate.targets import export as command
+from replicate.targets.export import Request, export, requested_poses
 
 DTYPES = {5121: "<u1", 5125: "<u4", 5126: "<f4"}
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}

@@ -11,8 +11,8 @@ from small_face import M, pose_offsets, small_mesh, small_samples
 
 from replicate.base.exceptions import InputError
 from replicate.methods import artefacts, linear, regional, regional_derivatives
+from replicate.methods import regional as derivatives
 from replicate.methods.plan import StageSettings, TrainingSettings
-from replicate.regional import derivatives
 from replicate.regional import model as regional_model
 from replicate.regional.basis import RegionalBasis
 from replicate.regional.networks import fresh_networks

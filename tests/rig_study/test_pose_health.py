@@ -13,12 +13,12 @@ from data_recipes.controls import Control
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Clip
 from replicate.benchmarks import bench_poses
+from replicate.benchmarks.bench_poses import FLIP_COLOUR, worst_poses
 from replicate.geometry.mesh import Mesh
 from replicate.geometry.rays import ray_hits
 from replicate.report.results import read_results
 from replicate.rig_study.mouth_contents import deepest, depths, find_mouth
 from replicate.rig_study.pose_health import Skin, each_alone, measure, strongest, worst
-from replicate.rig_study.worst_poses import FLIP_COLOUR, worst_poses
 
 
 def tiny() -> FunctionRig:
@@ -234,7 +234,7 @@ def test_the_benchmark_writes_a_set_a_kind_of_pose_and_keeps_other_characters(ca
     clip = Clip("tug", np.float32([[0, 0], [0, 0], [0.2, 0], [1, 0]] + [[0.3 + k / 100, 0.1] for k in range(30)]))
     monkeypatch.setattr(bench_poses, "rig_of", lambda name: folding((clip,)) if name == "a" else folding())
     monkeypatch.setattr(bench_poses, "UNIFORM_MOUTHS", 8)
-    monkeypatch.setattr("replicate.rig_study.worst_poses.render", lambda *arguments: np.zeros((270, 250, 3), np.uint8))
+    monkeypatch.setattr("replicate.benchmarks.bench_poses.render", lambda *arguments: np.zeros((270, 250, 3), np.uint8))
     assert bench_poses.main(["--characters", "a", "--count", "40"]) == 0
     output = capsys.readouterr().out
     assert "worst flips" in output and "tug 3" in output and "pull +1.00" in output
