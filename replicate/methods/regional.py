@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from data_recipes.rig import BATCH
+from data_recipes.rig import BATCH, has_function
 from replicate.base.exceptions import InputError
 from replicate.base.schema import Checked, number
 from replicate.config import TrainingConfig
@@ -265,7 +265,7 @@ def rig_slopes(
     """
     section, rig = context.config.section, artefacts.load_rig(context.inputs)
     function = getattr(rig, "function", None)
-    if function is None:
+    if function is None or not has_function(rig):
         raise InputError(
             f"{context.name}.derivatives: expected 0, since {rig.name} is known by its samples alone, which have no "
             f"derivatives, got {section.derivatives}"
