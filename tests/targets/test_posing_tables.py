@@ -1,5 +1,6 @@
 """Table 4 printed: the paper's protocol, who leads in whose poses, and what the IK networks reach."""
 
+import numpy as np
 import pytest
 
 from replicate.base.paths import PAPER
@@ -11,8 +12,8 @@ from replicate.methods.plan import Plan
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 from replicate.targets import table4
-from replicate.targets.table4.rows import PosingSettings, Source, feeder
-from replicate.targets.table4.tables import AS_GIVEN, feeding_table, networks_table, posing_table, tables4
+from replicate.targets.table4.rows import PosingSettings, Source, _first_alike, feeder, resampled_ratio
+from replicate.targets.table4.tables import AS_GIVEN, feeding_table, fresh_table, networks_table, posing_table, tables4
 
 
 def rows(character="teen"):
@@ -79,3 +80,34 @@ def test_the_refined_models_networks_feed_all_methods_but_for_toothless(own_grad
         feeder(PosingSettings("teen", "quick", 0, default_section("quick"), (), sources, own_gradients), method)
         == expected
     )
+
+
+def test_fresh_drags_show_the_ratio_with_its_interval():
+    def row(method, metric, value, unit="ratio"):
+        return Row("table4", "teen", method, metric, unit, value, None, 1, 100, "laptop", "r")
+
+    fresh = [row(name, "normal_error_mean_fresh[own]", value, "deg") for name, value in (("refined", 2), ("dense", 4))]
+    fresh += [row("dense", f"vertex_error_mean_fresh[{way}]", 0.5, "mm") for way in ("own", "rig")]
+    for ending, value in (("", 0.5), ("_low", 0.41), ("_high", 0.62)):
+        fresh.append(row("refined", f"normal_error_ratio_fresh{ending}[own]", value))
+    table = fresh_table(fresh, "teen")
+    assert table.headers[-1][1:] == ("the method itself", "the rig itself")
+    assert ("Refined / Dense", "0.50 (0.41 to 0.62)", "–") in table.body and ("Dense", "4.00", "–") in table.body
+    assert any("100 drags" in note for note in table.notes)
+    assert len(tables4([*rows(), *fresh], [])) == 4 and len(tables4(rows(), [])) == 3
+
+
+def test_the_interval_is_that_of_the_mean_over_drags():
+    rng = np.random.default_rng(0)
+    others = rng.uniform(1, 3, 100)
+    found = resampled_ratio(0.5 * others, others)
+    assert [found[end] for end in ("", "_low", "_high")] == pytest.approx([0.5] * 3), "paired drags: no spread is left"
+    noisy = resampled_ratio(0.5 * others * rng.lognormal(0, 0.4, 100), others)
+    assert noisy["_low"] < noisy[""] < noisy["_high"]
+    width = np.log(noisy["_high"] / noisy["_low"]) / (2 * 1.96)
+    assert 0.025 < width < 0.06, "0.4 over the root of a hundred, a little more where large drags weigh more"
+
+
+def test_poses_that_are_alike_share_one_measurement():
+    params = np.array([[2.0, 0], [1, 1], [2, 0], [0, 5]])
+    assert _first_alike(params).tolist() == [0, 1, 0, 2]

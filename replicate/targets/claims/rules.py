@@ -12,11 +12,13 @@ from data_recipes import recipe_paths
 from replicate.base import paths
 from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.config import RefinementConfig
+from replicate.inverse.ik_stage import RIG as RIG_SOURCE
 from replicate.report.manifest import command_of
 from replicate.report.results import STANDS_FOR, Row, Seeds, joined, order_of, read_results, read_seeds, where
 from replicate.targets.table2.rows import SEEDS as SINGLE_SEEDS
 from replicate.targets.table3 import GPU_TABLE, beside, gpu_machine_rows
 from replicate.targets.table3.rows import best_row
+from replicate.targets.table4.rows import COMPARED, FRESH_ENDING, INTERVAL, OWN
 from replicate.timing.single_poses import CHANGE, FAST, GPU, GRAPH, JAX, ONNX, RIG, THREADED, parted
 
 # Effects: the ratio of two numbers, in the logarithm, with its 95 % interval.
@@ -688,7 +690,25 @@ def posed_otherwise(evidence: Evidence, character: str) -> str:
         except MissingNumber:
             continue
         sentences.append(f"{words}: {'; '.join(map(str, comparisons))}.")
-    return " ".join(sentences)
+    return " ".join([*sentences, *_in_fresh_drags(evidence, character)])
+
+
+def _in_fresh_drags(evidence: Evidence, character: str) -> Iterator[str]:
+    """Yield a sentence for each way to pose: the CNN's errors over those of dense in fresh drags, with intervals."""
+    ways = {OWN: "each model's own", "refined": "the CNN's", RIG_SOURCE: "the rig's"}
+    for way, whose in ways.items():
+        ratios = []
+        for kind, (quantity, _) in QUANTITIES.items():
+            metric = f"{kind}_error_ratio{FRESH_ENDING}"
+            with suppress(MissingNumber):
+                value, low, high = (
+                    evidence.number("table4", character, COMPARED[0], f"{metric}{ending}[{way}]").value
+                    for ending in ("", *INTERVAL)
+                )
+                ratios.append(f"{quantity} × {value:.2f} ({low:.2f} to {high:.2f} over drags)")
+        if ratios:
+            listed = "; ".join(ratios)
+            yield f"In fresh drags within limits, posed by {whose} IK networks, the CNN over dense: {listed}."
 
 
 def _nearer_without_networks(evidence: Evidence, character: str) -> Iterator[str]:

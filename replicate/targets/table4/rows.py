@@ -5,11 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import summary, unique_poses
+from replicate.engine.stage import stream_rng
 from replicate.inverse import ik_stage
-from replicate.inverse.configurations import configurations
+from replicate.inverse.configurations import configurations, scripted_drags, targets_of
 from replicate.inverse.control_points import ControlPoints, InverseConfig, control_points
 from replicate.inverse.ik_network import parameter_ranges
 from replicate.inverse.posing import Posed, RigPoints, approximation_errors, outside_share, point_errors_mm, pose
@@ -53,6 +55,11 @@ ROWS = "table4.csv"
 LIMITED = "_limited"  # the ending of errors at parameters that are clipped to their controls' limits
 FED_BY = ("refined", "coarse")  # networks trained through the first of these pose all methods; the paper's is refined
 RECOVERED, DERIVATIVES = 200, 25  # test poses whose points are solved for, and whose derivatives are compared
+FRESH, RESAMPLES = 100, 2_000  # further drags, drawn by a script; resamples of them for an interval
+FRESH_ENDING = "_fresh"  # of errors in these drags, at parameters that are clipped to their controls' limits
+OWN = "own"  # in poses of networks that are trained through each method itself
+COMPARED = ("refined", "dense")  # whose ratio of errors has an interval
+INTERVAL = {"_low": 2.5, "_high": 97.5}  # percentiles
 Metric = tuple[str, str, str, float, int]  # method, metric, unit, value, poses
 
 
@@ -81,6 +88,7 @@ def write_all(
         for source in settings.sources:
             metrics += _points(settings, inputs, rig, points, source, posed[source.name], targets)
             bar.update(1)
+    metrics += _fresh(settings, inputs, rig, points)
     metrics += _derivatives(settings, inputs, rig, points)
     run = run_name(inputs)
     facts = settings.profile, run
@@ -112,6 +120,58 @@ def _approximations(
             if feeder(settings, method) == source.name:
                 metrics.append((method, f"{kind}_error_mean{ending}", unit, mean, count))
     return metrics
+
+
+def _fresh(settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, points: ControlPoints) -> list[Metric]:
+    """Return the methods' errors in drags that a script draws, the same for all seeds, within the controls' limits.
+
+    Each method is measured in poses of its own IK networks, of those that the paper's protocol shares, and of those
+    that are trained through the rig, which favour none. The ratio of the CNN's errors to those of dense networks has a
+    95 % interval by the bootstrap over drags.
+    """
+    drags = scripted_drags(points.names, stream_rng(0, "table4", "fresh"), FRESH)
+    targets = targets_of(rig.mesh.neutral[points.vertices], points.names, drags)
+    rigid = artefacts.load_attachments(inputs).segment.tolist()
+    predictors = {entry.method: predictor(entry, inputs) for entry in settings.methods}
+    sources = [source.name for source in settings.sources]
+    errors: dict[tuple[str, str, str], np.ndarray] = {}  # method, kind, source → of each drag
+    for source in sources:
+        posed = pose(rig, np.clip(ik_stage.load(inputs, source).solve(targets), rig.lower, rig.upper))
+        of_drag = _first_alike(posed.params)
+        for method, found in approximation_errors(rig, posed, predictors, rigid, 32).items():
+            errors[method, "vertex", source] = found.pose_mm[of_drag]
+            errors[method, "normal", source] = found.pose_deg[of_drag]
+    metrics, shared = [], next((name for name in FED_BY if name in sources), sources[0])
+    for way in dict.fromkeys((OWN, shared, ik_stage.RIG)):
+        for kind, unit in (("vertex", "mm"), ("normal", "deg")):
+            by_method = {
+                method: errors[method, kind, method if way == OWN else way]
+                for method in predictors
+                if way != OWN or method in sources
+            }
+            name = f"{kind}_error_mean{FRESH_ENDING}[{way}]"
+            metrics += [(method, name, unit, values.mean(), FRESH) for method, values in by_method.items()]
+            if all(method in by_method for method in COMPARED):
+                pair = [by_method[method] for method in COMPARED]
+                metrics += [
+                    (COMPARED[0], f"{kind}_error_ratio{FRESH_ENDING}{ending}[{way}]", "ratio", value, FRESH)
+                    for ending, value in resampled_ratio(*pair).items()
+                ]
+    return metrics
+
+
+def _first_alike(params: np.ndarray) -> np.ndarray:
+    """Return, for each pose, its place among the unique ones in the order of their first appearance."""
+    _, first, which = np.unique(params, axis=0, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[which.ravel()]
+
+
+def resampled_ratio(errors: Float[np.ndarray, " k"], others: Float[np.ndarray, " k"]) -> dict[str, float]:
+    """Return the ratio of two means over the same drags, "", and its 95 % interval by the bootstrap over drags."""
+    chosen = stream_rng(0, "table4", "bootstrap").integers(len(errors), size=(RESAMPLES, len(errors)))
+    ratios = errors[chosen].mean(1) / others[chosen].mean(1)
+    ends = {ending: float(np.percentile(ratios, percentile)) for ending, percentile in INTERVAL.items()}
+    return {"": float(errors.mean() / others.mean())} | ends
 
 
 def _points(

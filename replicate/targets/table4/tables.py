@@ -7,7 +7,7 @@ from replicate.methods.method_registry import in_order, method_named
 from replicate.report.results import STANDS_FOR, Row, characters_of, find, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table2.rows import method_notes
-from replicate.targets.table4.rows import LIMITED
+from replicate.targets.table4.rows import COMPARED, FRESH_ENDING, INTERVAL, LIMITED, OWN
 
 AS_GIVEN = {"": ""}
 ENDINGS = AS_GIVEN | {LIMITED: ", within limits"}
@@ -27,12 +27,14 @@ COLUMNS = (  # of the table about the IK networks: metric, unit, header
 
 
 def tables4(ours: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
-    """Return all tables: the paper's Table 4 with ours, then two for each character."""
+    """Return all tables: the paper's Table 4 with ours, then those of each character."""
     rows = [row for row in ours if row.table == "table4"]
     tables = [posing_table(rows, paper)]
     for character in characters_of(rows):
         its_rows = [row for row in rows if row.character == character]
-        tables += [feeding_table(its_rows, character), networks_table(its_rows, character)]
+        tables += [feeding_table(its_rows, character)]
+        tables += [fresh_table(its_rows, character)] if any(FRESH_ENDING in row.metric for row in its_rows) else []
+        tables += [networks_table(its_rows, character)]
     return tables
 
 
@@ -78,6 +80,51 @@ def feeding_table(rows: Sequence[Row], character: str) -> Table:
     header = ("in poses of networks that are trained through", *map(source_label, sources))
     note = "A line is an approximation, a column the poses that it is measured in; both are compared with the rig."
     return Table(f"Who leads where: {character}", (header,), tuple(body), (note, _about(rows)))
+
+
+def fresh_table(rows: Sequence[Row], character: str) -> Table:
+    """Return one character's errors in drags that a script draws, and the CNN's beside those of dense networks."""
+    start = f"vertex_error_mean{FRESH_ENDING}["
+    ways = sorted({row.metric.removeprefix(start)[:-1] for row in rows if row.metric.startswith(start)}, key=_way_place)
+    methods = in_order({row.method for row in rows if f"_error_mean{FRESH_ENDING}[" in row.metric})
+    body: list[tuple[str, ...] | None] = []
+    for kind, unit, words in KINDS:
+        body += [None] if body else []
+        body.append((words, *[""] * len(ways)))
+        for method in methods:
+            found = [find(rows, "table4", character, method, f"{kind}_error_mean{FRESH_ENDING}[{way}]") for way in ways]
+            cells = (round_off(row.value, unit, row.sd) if row else "–" for row in found)
+            body.append((method_named(method).label, *cells))
+        body.append((_ratio_words(), *(_ratio_cell(rows, character, kind, way) for way in ways)))
+    header = (
+        "in poses of networks that are trained through",
+        *("the method itself" if w == OWN else source_label(w) for w in ways),
+    )
+    poses = max(row.poses or 0 for row in rows if row.metric.startswith(start))
+    note = (
+        f"{poses} drags that a script draws. Whatever gives the parameters, each is brought within the limits of its "
+        "control. In brackets the 95 % interval of the ratio, by the bootstrap over drags: the networks are the same."
+    )
+    return Table(f"Fresh drags: {character}", (header,), tuple(body), (note,))
+
+
+def _way_place(way: str) -> tuple[bool, bool]:
+    return way != OWN, way == RIG
+
+
+def _ratio_words() -> str:
+    return " / ".join(method_named(method).label for method in COMPARED)
+
+
+def _ratio_cell(rows: Sequence[Row], character: str, kind: str, way: str) -> str:
+    found = [
+        find(rows, "table4", character, COMPARED[0], f"{kind}_error_ratio{FRESH_ENDING}{ending}[{way}]")
+        for ending in ("", *INTERVAL)
+    ]
+    if not all(found):
+        return "–"
+    ratio, low, high = (f"{row.value:.2f}" for row in found if row)
+    return f"{ratio} ({low} to {high})"
 
 
 def networks_table(rows: Sequence[Row], character: str) -> Table:
