@@ -54,3 +54,13 @@ def test_make_lab_opens_the_contents_as_they_are_to_be_read():
         package, _, name = plugin.partition(":")
         known = json.loads((schemas / package / f"{name}.json").read_text("utf-8"))["properties"]
         assert set(values) <= set(known)
+
+
+def test_the_index_of_deviations_names_every_entry_by_its_title():
+    text = (ROOT / "DEVIATIONS.md").read_text("utf-8")
+    index, _, entries = text.partition("\n## ")
+    titles = re.findall(r"^### (D\d+)\. (.+)$", entries, re.MULTILINE)
+    listed = re.findall(r"\[(D\d+)\]\(#([\w-]+)\) ([^;|*]+)", index)
+    slugs = {n: re.sub(r"[^\w -]", "", f"{n}. {title}".lower()).replace(" ", "-") for n, title in titles}
+    assert {n: slug for n, slug, _ in listed} == slugs and len(listed) == len(titles)
+    assert all(words.strip().lower() == title.lower() for (_, _, words), (_, title) in zip(listed, titles, strict=True))
