@@ -174,13 +174,16 @@ def _results(configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]) -> li
 # About how long a run will take, from the times of the stages in the reference results' manifest.
 
 # Stages that the reference results may lack: a stage that does about the same work, and how many times as much this one
-# does. Other networks have the steps of `dense`. Wide decoders are trained without the compiled kernels. Three times
+# does. Other networks have the steps of `dense`. Wide decoders are trained without the compiled kernels; nothing is
+# trained for weights in 16 bits. Three times
 # the features make nine times the products of `linear`, but reading the samples takes longer than those. Derivatives
 # are computed before the training and make its steps longer. Compressed skinning finds its shapes before the training;
 # the differential subspace has larger batches.
 KIN = {"pca": ("dense", 1), "pca_line": ("dense", 1), "driven": ("dense", 1), "squares": ("linear", 4),
        "dense_compact": ("linear", 1), "morph": ("dense", 1), "morph_best": ("dense", 1),
        "ridge_products": ("rig_fits", 1), "coarse_wide": ("coarse", 3), "refined_wide": ("refined", 3),
+       "coarse_longer": ("coarse", 1.5), "coarse_half": ("linear", 0.1), "refined_half": ("linear", 0.1),
+       "dense_half": ("linear", 0.1),
        "regional_derivatives": ("regional", 2), "differential": ("dense", 0.7), "differential_small": ("dense", 0.35),
        "compskin": ("dense", 3), "compskin_best": ("dense", 3)}  # fmt: skip
 # The power of the number of controls with which a time grows: influence is found for each control, our networks have an

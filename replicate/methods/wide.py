@@ -1,4 +1,6 @@
-"""The paper's networks with wider decoders: four times the numbers that make a map, and twice the channels.
+"""The paper's networks with wider decoders, and trained for longer: controls for what limits them.
+
+Wider: four times the numbers that make a map, and twice the channels.
 
 The last dense layer has 2,048 units in place of 512, which are 8×8 pixels of 32 channels, and every convolution has 32
 channels in place of 16; all else, schedule and steps too, is that of `coarse` and `refined`. The widths were chosen
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     import replicate.approximation.refinement
 
 HIDDEN, CHANNELS = (256, 2_048), 32
-COARSE, REFINED = "coarse_wide", "refined_wide"
+COARSE, REFINED, LONGER = "coarse_wide", "refined_wide", "coarse_longer"
 NOTE = "Wider decoders: 2,048 numbers make a map in place of 512, and convolutions have 32 channels in place of 16."
 
 Section = TypeVar("Section", CoarseConfig, RefinementConfig)
@@ -45,6 +47,16 @@ def refined_section(profile: str) -> RefinementConfig:
     return widened(RefinementConfig(), "refinement", profile)
 
 
+def longer_section(profile: str) -> CoarseConfig:
+    """Return the coarse networks' section with the steps of both levels."""
+    coarse_levels, finer = (
+        read_table(section, PROFILES[profile].get(key, {}))
+        for section, key in ((CoarseConfig(), "coarse"), (RefinementConfig(), "refinement"))
+    )
+    both = coarse_levels.training.steps + finer.training.steps
+    return replace(coarse_levels, training=replace(coarse_levels.training, steps=both))
+
+
 def coarse_stage(plan: Plan) -> Stage:
     """Return the stage that trains the coarse networks."""
     return _stage(plan, COARSE, coarse.train, inputs_of_networks(plan))
@@ -53,6 +65,11 @@ def coarse_stage(plan: Plan) -> Stage:
 def refined_stage(plan: Plan) -> Stage:
     """Return the stage that trains the refinement networks."""
     return _stage(plan, REFINED, train_refined, refined.inputs_of_refinement(plan, coarse_stage(plan)))
+
+
+def longer_stage(plan: Plan) -> Stage:
+    """Return the stage that trains the coarse networks for longer."""
+    return _stage(plan, LONGER, coarse.train, inputs_of_networks(plan))
 
 
 def _stage(plan: Plan, name: str, function: Callable, inputs: tuple[Stage, ...]) -> Stage:
@@ -70,6 +87,13 @@ def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
     from replicate.approximation.cnn import load_coarse
 
     return load_coarse(inputs[COARSE])
+
+
+def load_longer_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the coarse networks that were trained for longer."""
+    from replicate.approximation.cnn import load_coarse
+
+    return load_coarse(inputs[LONGER])
 
 
 def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
@@ -101,5 +125,15 @@ METHODS = (
         default_section=refined_section,
         note=NOTE,
         mark="△",
+    ),
+    variant(
+        coarse.METHOD,
+        LONGER,
+        "Coarse, longer",
+        65.5,
+        stages=lambda plan: (longer_stage(plan),),
+        model=load_longer_model,
+        default_section=longer_section,
+        note="The coarse networks, trained for the steps of both levels.",
     ),
 )

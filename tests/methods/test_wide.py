@@ -26,6 +26,15 @@ def test_all_but_the_widths_is_as_in_the_papers_networks(profile):
         assert replace(ours, hidden=section.hidden, channels=section.channels) == section
 
 
+@pytest.mark.parametrize("profile", ["quick", "laptop", "paper"])
+def test_the_longer_training_has_the_steps_of_both_levels_and_nothing_else(profile):
+    config, ours = resolve("tiny", profile), method_named("coarse_longer").default_section(profile)
+    assert ours.training.steps == config.coarse.training.steps + config.refinement.training.steps
+    assert replace(ours, training=replace(ours.training, steps=config.coarse.training.steps)) == config.coarse
+    (stage,) = method_named("coarse_longer").stages(Plan(config))
+    assert stage.name == "coarse_longer"
+
+
 def test_the_refinement_builds_on_the_wide_networks_and_the_usual_squares():
     plan = Plan(resolve("tiny", "quick"))
     first, second = method_named("refined_wide").stages(plan)

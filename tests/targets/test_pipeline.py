@@ -123,6 +123,12 @@ hidden = [32, 128]
 channels = 5
 [refined_wide.training]
 steps = 10
+[coarse_longer]
+map_size = 16
+hidden = [32, 128]
+channels = 5
+[coarse_longer.training]
+steps = 20
 [lbs]
 samples = 60
 iterations = 15
