@@ -10,15 +10,25 @@ the profile's. They are frames of the animation too, often neighbours of trainin
 animation: poses unlike the animation's, for which the paper augments, are not among them. So the same three networks,
 raw, balanced and with uniform draws, are trained once more without some whole clips, and measured on these. No setting
 is chosen by the results. A rig without clips has no animation, and no such rows.
+
+The paper augments and balances for the sake of rare expressions, which a mean over frames hardly sees. So the errors on
+whole clips are also given for each of 16 intervals of the test poses' landmarks along their first principal component,
+and as the mean over the intervals, in which a rare one counts as much as a frequent one. That component may follow the
+motion of the whole head; a second axis is that of the landmarks after a rigid fit to the neutral ones.
 """
 
 import argparse
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
+from replicate.approximation.metrics import Errors
+from replicate.approximation.sampling import balance_bins
 from replicate.approximation.segments import segment_vertices
 from replicate.benchmarks.common import (
     add_count,
@@ -37,6 +47,7 @@ from replicate.benchmarks.variants import validation_errors
 from replicate.config import Config, resolve
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
+from replicate.geometry.alignment import align
 from replicate.methods import artefacts, measurement
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
@@ -44,6 +55,9 @@ from replicate.report.manifest import section
 from replicate.report.notebooks import folder_of
 from replicate.report.results import Row, characters_of, error_rows
 from replicate.report.tables import Table, round_off
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 # The trainings as a table.
 
@@ -54,6 +68,10 @@ METRICS = {
     "normal_error_over_floor": ("ratio", "degrees / floor"),
     "clips_vertex_error": ("mm", "other clips, mm"),
     "clips_normal_error": ("deg", "other clips, degrees"),
+}
+AXES = {  # of the intervals that rare poses are found by
+    "landmarks": "by the landmarks",
+    "expressions": "by the landmarks less the head's motion",
 }
 METHODS = ("coarse", "refined", "dense")
 BALANCED, RAW_ANIMATION = "balanced draws", "raw animation"  # changes that claim C12 compares
@@ -146,7 +164,12 @@ LONGER = (TWICE, RESTART)  # changes whose trainings have twice the steps
 AXIS_CONTROLS = 4
 STEPS = 4_000  # of the short schedule
 FLOORS = ("coarse", "refined")  # the methods whose maps have one
-ON_CLIPS = (USUAL, BALANCED, RAW_ANIMATION)  # the coarse trainings that are measured on whole clips too
+ON_CLIPS = {  # the coarse trainings that are measured on whole clips too, and what charts call them
+    USUAL: "augmented, uniform draws",
+    BALANCED: "augmented, balanced draws",
+    RAW_ANIMATION: "raw animation",
+}
+COLOURS = ("#0072B2", "#D55E00", "#555555")
 
 
 @dataclass(frozen=True)
@@ -221,7 +244,83 @@ def clip_rows(stages: dict[str, Stage], config: Config, variant: Variant) -> lis
     errors = measurement.load_errors(artefact_folder(stages[f"{measurement.PREFIX}{variant.method}"].identifier))
     rows = error_rows(stages["rig"].label, {variant.method: errors}, config.profile, "bench-training")
     names = {f"{kind}_error_mean": f"clips_{kind}_error[{variant.change}]" for kind in ("vertex", "normal")}
-    return [replace(row, table=TABLE, metric=names[row.metric]) for row in rows if row.metric in names]
+    means = [replace(row, table=TABLE, metric=names[row.metric]) for row in rows if row.metric in names]
+    by_interval = _rows_by_interval(stages["rig"].label, folders_of(stages.values()), config, variant, errors)
+    return [*means, *by_interval]
+
+
+def _rows_by_interval(
+    character: str, inputs: Mapping[str, Path], config: Config, variant: Variant, errors: Errors
+) -> list[Row]:
+    """Return the mean errors in each interval of either axis, and the means over the intervals that have a pose."""
+    rig, samples = artefacts.load_rig(inputs), artefacts.load_samples(inputs)
+    poses = measurement.measured_poses(samples.test_params, config.evaluation.test_poses, config.seed)
+    neutral = rig.mesh.neutral[rig.landmarks]
+    moved = neutral + np.asarray(samples.test_offsets[poses][:, rig.landmarks], np.float32)
+    found = []
+    for axis, positions in zip(AXES, (moved, without_motion(moved, neutral)), strict=True):
+        interval = balance_bins(positions, config.samples.bins)
+        for kind, unit, of_pose in (("vertex", "mm", errors.pose_mm), ("normal", "deg", errors.pose_deg)):
+            means = {int(k): float(of_pose[interval == k].mean()) for k in np.unique(interval)}
+            name = f"clips_{kind}_error_{axis}"
+            found.append((f"{name}[{variant.change}]", unit, float(np.mean(list(means.values()))), len(poses)))
+            found += [
+                (f"{name}_{k:02}[{variant.change}]", unit, mean, int((interval == k).sum()))
+                for k, mean in means.items()
+            ]
+    return [
+        Row(
+            TABLE,
+            character,
+            variant.method,
+            metric,
+            unit,
+            value,
+            None,
+            1,
+            count,
+            config.profile,
+            "bench-training",
+        )
+        for metric, unit, value, count in found
+    ]
+
+
+def without_motion(
+    positions: Float[np.ndarray, "k l 3"], neutral: Float[np.ndarray, "l 3"]
+) -> Float[np.ndarray, "k l 3"]:
+    """Return the landmarks of k poses in mm, each pose after the rigid motion that brings it nearest to the neutral."""
+    rotation, shift = align(positions, neutral)
+    return positions @ rotation + shift[:, None]
+
+
+def intervals_chart(rows: Iterable[Row], character: str, kind: str = "normal") -> "matplotlib.figure.Figure":
+    """Draw the errors on clips that training lacks over the intervals of both axes, a line a training.
+
+    kind: "normal" or "vertex". Circles grow with the number of test poses in an interval.
+    """
+    import matplotlib.pyplot as plt
+
+    shown = [row for row in rows if row.table == TABLE and row.character == character]
+    figure, panels = plt.subplots(1, len(AXES), figsize=(8.4, 3.2), sharey=True, layout="constrained")
+    for panel, (axis, words) in zip(panels, AXES.items(), strict=True):
+        for change, colour in zip(ON_CLIPS, COLOURS, strict=True):
+            start, ending = f"clips_{kind}_error_{axis}_", f"[{change}]"
+            line = sorted(
+                (int(row.metric.removeprefix(start).removesuffix(ending)), row.value, row.poses or 0)
+                for row in shown
+                if row.metric.startswith(start) and row.metric.endswith(ending)
+            )
+            if line:
+                interval, values, poses = map(np.asarray, zip(*line, strict=True))
+                panel.plot(interval + 1, values, color=colour, label=ON_CLIPS[change])
+                panel.scatter(interval + 1, values, 6 + 60 * poses / poses.sum(), color=colour)
+        panel.set_title(words, fontsize=10)
+        panel.set_xlabel("interval")
+    panels[0].set_ylabel("normal error, degrees" if kind == "normal" else "distance, mm")
+    panels[0].set_ylim(bottom=0)
+    panels[0].legend(fontsize=9)
+    return figure
 
 
 def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:

@@ -293,6 +293,21 @@ def test_c12_compares_balanced_draws_with_the_raw_animation_on_clips_that_neithe
     assert verdict("C12", toon, "toon") == "not tested", "Ray has no animation"
 
 
+def test_c12_lets_rare_expressions_count_as_much_as_frequent_ones_where_it_can():
+    def rows(change, mm, degrees, mean=""):
+        facts = SD, 3, 64, "laptop", "b"
+        return [
+            Row("bench_training", "teen", "coarse", f"clips_vertex_error{mean}[{change}]", "mm", mm, *facts),
+            Row("bench_training", "teen", "coarse", f"clips_normal_error{mean}[{change}]", "deg", degrees, *facts),
+        ]
+
+    over_poses = [*rows(BALANCED, 0.7, 2.6), *rows(RAW_ANIMATION, 0.6, 2.0)]
+    rare = [*rows(BALANCED, 0.8, 2.7, "_expressions"), *rows(RAW_ANIMATION, 1.2, 3.4, "_expressions")]
+    assert verdict("C12", over_poses) == "fails" and verdict("C12", over_poses + rare) == "holds"
+    one = judge(claim_named("C12"), "teen", Evidence(over_poses + rare), PAPER)
+    assert "In the mean over poses: distance: augmented and balanced 0.7" in one.reason
+
+
 def test_a_wide_interval_leaves_undecided_what_a_narrow_one_decides():
     given = {"normal": {"refined": 0.65}}
     assert verdict("C3", mean_rows(**given)) == "undecided", "one seed"

@@ -3,12 +3,14 @@
 import argparse
 import zlib
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from plain_rig import PlainRig
 
 from data_recipes.rig import Clip
+from replicate.approximation.metrics import Errors, new_tally
 from replicate.approximation.samples import choose_poses
 from replicate.benchmarks import bench_training as training
 from replicate.benchmarks.bench_training import (
@@ -140,3 +142,41 @@ def test_the_controls_behind_the_intervals_are_named_strongest_first():
     assert said.startswith("controls that the intervals follow most") and line == "teen: squash -0.70, jaw_open +0.50"
     assert axis_text([]) == ""
     assert trainings_tables(rows) == []
+
+
+def test_a_rigid_motion_of_the_head_is_no_expression():
+    rng = np.random.default_rng(3)
+    neutral = rng.normal(size=(12, 3)) * 30
+    smiles = neutral + rng.normal(size=(5, 1, 1)) * rng.normal(size=(12, 3))
+    rotation, _ = np.linalg.qr(rng.normal(size=(5, 3, 3)))
+    rotation *= np.sign(np.linalg.det(rotation))[:, None, None]
+    turned = smiles @ rotation + rng.normal(size=(5, 1, 3)) * 100
+    np.testing.assert_allclose(
+        training.without_motion(turned, neutral), training.without_motion(smiles, neutral), atol=1e-9
+    )
+    np.testing.assert_allclose(training.without_motion(neutral[None] @ rotation[0], neutral)[0], neutral, atol=1e-9)
+
+
+def test_a_rare_interval_counts_as_much_as_a_frequent_one(monkeypatch):
+    neutral, count = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32) * 40, 40
+    rig = SimpleNamespace(mesh=SimpleNamespace(neutral=neutral), landmarks=np.arange(3, 9))
+    offsets = np.zeros((count, *neutral.shape), np.float32)
+    offsets[:, rig.landmarks[0], 1] = [0.0] * 39 + [8.0]  # one pose in forty is an expression
+    samples = SimpleNamespace(test_params=np.arange(count, dtype=np.float32)[:, None], test_offsets=offsets)
+    monkeypatch.setattr(training.artefacts, "load_rig", lambda inputs: rig)
+    monkeypatch.setattr(training.artefacts, "load_samples", lambda inputs: samples)
+    of_pose = np.array([0.1] * 39 + [0.9]), np.array([1.0] * 39 + [5.0])
+    errors = Errors(new_tally(1), new_tally(1), ("face",), *of_pose)
+    config = resolve("tiny", "laptop")
+    config = replace(config, evaluation=replace(config.evaluation, test_poses=0))
+    variant = next(v for v in training.variants(700) if v.clips and v.change == BALANCED)
+    rows = training._rows_by_interval("teen", {}, config, variant, errors)
+    found = {row.metric: (row.value, row.poses) for row in rows}
+    assert found[f"clips_normal_error_landmarks[{BALANCED}]"] == (3.0, 40), "1.1 in the mean over poses"
+    assert found[f"clips_vertex_error_expressions[{BALANCED}]"][0] == pytest.approx(0.5)
+    assert found[f"clips_normal_error_landmarks_15[{BALANCED}]"] == (5.0, 1)
+    assert found[f"clips_normal_error_landmarks_00[{BALANCED}]"] == (1.0, 39)
+    (left, right), legend = (figure := training.intervals_chart(rows, "teen")).axes, figure.axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["augmented, balanced draws"]
+    assert left.lines[0].get_ydata().tolist() == [1.0, 5.0] and right.get_title()
+    assert trainings_tables(rows) and "40 poses" in trainings_tables(rows)[0].notes[-1]
