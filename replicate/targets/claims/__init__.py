@@ -22,6 +22,7 @@ from replicate.report.tables import Table, as_latex, as_text, unbroken
 from replicate.targets.claims.rules import (
     BEST,
     DIRECTION,
+    ENOUGH,
     FAILS,
     HOLDS,
     MEASURED,
@@ -190,7 +191,7 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     if "†" in marks:
         notes.append("† By the same rule the paper's own numbers fail too, for the character that it stands for.")
     if "‡" in marks:
-        notes.append(f"‡ {SINGLE_RUN}.")
+        notes.append(f"‡ {FEW_RUNS}.")
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
         notes.append("–: not tested; `claims.csv` has the reason of each.")
@@ -199,7 +200,7 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))
 
 
-SINGLE_RUN = "A single run: its interval is that of the spread on other characters, or of no spread that is known"
+FEW_RUNS = "One run or two: the interval is that of the spread on other characters, or of no spread that is known"
 
 
 def of_recipe(verdicts: Iterable[Verdict], recipe: Recipe = BEST) -> list[Verdict]:
@@ -302,7 +303,7 @@ def claims_in_brief(file: Path) -> Table:
         more = [" ".join(map(_symbol, each)) or "–" for each in printed]
         body.append((f"{claim.name} {claim.text}", *symbols, *more, *effects(verdicts, claim)))
     text = KINDS.format(*(SYMBOLS[word] for word in (DIRECTION, UNDECIDED, FAILS)))
-    notes = (f"✅ {text}, a number: measured, without a verdict, – not tested; ‡ a single run. {EFFECT}.",)
+    notes = (f"✅ {text}, a number: measured, without a verdict, – not tested; ‡ one run or two. {EFFECT}.",)
     header = ("", *STANDS_FOR, *_headings(readings), "effect here", "in the paper")
     return Table(
         "The paper's claims on our characters",
@@ -349,7 +350,7 @@ def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
         for claim in CLAIMS
     )
     text = KINDS.format(*(PAGE_SYMBOLS[word] for word in (DIRECTION, UNDECIDED, FAILS)))
-    notes = (f"✔ {text}, ◐ it depends on the character; ‡ single runs. {EFFECT}.", *_readings_note(readings))
+    notes = (f"✔ {text}, ◐ it depends on the character; ‡ one run or two. {EFFECT}.", *_readings_note(readings))
     header = ("", "on our characters", *_headings(readings), "effect here", "in the paper")
     return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2 + len(readings))
 
@@ -380,13 +381,18 @@ def outcome(verdicts: Sequence[Verdict]) -> str:
 
 
 def effects(verdicts: Sequence[Verdict], claim: Claim) -> tuple[str, str]:
-    """Return the ratios of the two numbers that decide a claim, as "0.40–0.90": on our characters, and in the paper."""
+    """Return the ratios of the two numbers that decide a claim, as "0.40–0.90": ours, and the paper's of the same.
+
+    Where we have none that the paper has too, its own deciding ones.
+    """
     ours = stand_ins(of_recipe(verdicts), claim.name)
     if claim.everywhere:
         shown = {verdict.character for verdict in ours}
         ours = [each for each in verdicts if each.claim == claim.name and each.place and each.character in shown]
     here = [verdict.effect for verdict in ours if verdict.effect is not None]
-    theirs = [papers_effect(claim, character, published()) for character in STANDS_FOR.values()]
+    theirs = [verdict.paper for verdict in ours] if here else []
+    if not any(theirs):
+        theirs = [papers_effect(claim, character, published()) for character in STANDS_FOR.values()]
     return _range(here), _range([effect for effect in theirs if effect is not None])
 
 
@@ -428,7 +434,7 @@ def cell(verdict: Verdict) -> str:
     marks = [f"{verdict.effect:.2f}" if verdict.verdict == MEASURED else verdict.verdict]
     if verdict.verdict == verdict.published == FAILS:
         marks.append("†")
-    if verdict.seeds == 1 and verdict.verdict != MEASURED and verdict.unit != "MB":
+    if (verdict.seeds or ENOUGH) < ENOUGH and verdict.verdict != MEASURED and verdict.unit != "MB":
         marks.append("‡")
     return " ".join(marks)
 

@@ -70,10 +70,11 @@ def log_ratio(left: float, right: float) -> float:
 def of_runs(logs: Sequence[float], borrowed: Spread | None = None) -> Effect:
     """Return the effect of ln r of one or more runs: their mean, with the interval of Student's t.
 
-    borrowed: the spread from elsewhere, which takes the place of a spread of fewer than three runs
+    borrowed: the spread from elsewhere, which takes the place of a spread of fewer than three runs; without one the
+        interval has no end
     """
     mean = statistics.fmean(logs)
-    spread = own_spread(logs) if len(logs) > 2 or borrowed is None else borrowed
+    spread = own_spread(logs) if len(logs) >= ENOUGH else borrowed
     return Effect(mean, half_width(spread.sd / math.sqrt(len(logs)), spread.freedom) if spread else math.inf)
 
 
@@ -216,7 +217,7 @@ class Comparison:
         if len(self.logs) > 1:
             return of_runs(self.logs, borrowed)
         spreading = [number for number in self.numbers if not number.is_exact]
-        if len(self.parts) == len(spreading) and (self.runs >= ENOUGH or borrowed is None):
+        if len(self.parts) == len(spreading) and self.runs >= ENOUGH:
             return of_means(log, self.parts)
         return of_runs(self.logs or [log], borrowed)
 
@@ -300,8 +301,8 @@ RULE = (
     "Of several comparisons that a claim needs together the weakest decides; of alternatives, the best. Where the bar "
     "would be of our own making, the number is measured and there is no verdict.",
 )
-UNKNOWN_SPREAD = "a single run whose spread nothing tells"
-BORROWED_SPREAD = "a single run with the spread of other characters"
+UNKNOWN_SPREAD = "one run or two, whose spread nothing tells"
+BORROWED_SPREAD = "one run or two, with the spread of other characters"
 SPREAD_OF_TIMES = "the spread is that between two runs of the timing"
 HALF = 0.5  # of the paper's effect, in the logarithm: what an effect must reach to hold
 
@@ -324,7 +325,7 @@ class Judged:
             return UNKNOWN_SPREAD
         if self.comparison.left.again:
             return SPREAD_OF_TIMES
-        return BORROWED_SPREAD if self.comparison.runs == 1 else ""
+        return BORROWED_SPREAD
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -398,7 +399,7 @@ class Recipe:
     words: str
 
 
-BEST = Recipe("best", "", "at their best")
+BEST = Recipe("best", "", "by our recipe")
 PRINTED = (
     Recipe("printed", "_printed", "as printed, controls as the rig has them, first weights of He et al."),
     Recipe("printed_ranges", "_printed_ranges", "as printed, controls in degrees and lengths like Ray's"),
@@ -724,7 +725,12 @@ def _nearer_without_networks(evidence: Evidence, character: str) -> Iterator[str
 
 
 def grows_under_ik(evidence: Evidence, character: str) -> Ways:
-    """Return what C14 measures: errors of the refined model and of dense under IK beside Table 2's, worst first."""
+    """Return what C14 measures: errors of the refined model and of dense under IK beside Table 2's, worst first.
+
+    Raises MissingNumber for a character that doesn't stand for Ray, whose poses are those that the claim is about.
+    """
+    if stand_in(character) != "Ray":
+        raise MissingNumber("The claim is about Ray, whose training poses are uniform draws.")
     comparisons = []
     for method in ("refined", "dense"):
         for kind, (quantity, unit) in QUANTITIES.items():
