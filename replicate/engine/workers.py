@@ -126,13 +126,17 @@ def worker_environment(orders: dict) -> dict[str, str]:
     that sets JAX_PLATFORMS.
     """
     threads = orders["threads"]
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
+    ours = f"--xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
+    # once and no more: JAX's cache knows compiled code by the list of flags
+    flags = [
+        flag for flag in os.environ.get("XLA_FLAGS", "").split() if flag.partition("=")[0] != ours.partition("=")[0]
+    ]
     return {
         "JAX_PLATFORMS": "cpu",
         **os.environ,
         **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool
-        "XLA_FLAGS": flags.strip(),
+        "XLA_FLAGS": " ".join([*flags, ours]),
         "PYTHONPATH": str(ROOT),
         "PYTHONUNBUFFERED": "1",
         "REPLICATE_CACHE": orders["cache"],
