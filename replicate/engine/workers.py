@@ -136,7 +136,7 @@ def worker_environment(orders: dict) -> dict[str, str]:
         **os.environ,
         **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool
-        "XLA_FLAGS": " ".join([*flags, ours]),
+        "XLA_FLAGS": " ".join(flags),
         "PYTHONPATH": str(ROOT),
         "PYTHONUNBUFFERED": "1",
         "REPLICATE_CACHE": orders["cache"],

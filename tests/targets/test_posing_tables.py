@@ -1,7 +1,12 @@
 """Table 4 printed: the paper's protocol, who leads in whose poses, and what the IK networks reach."""
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from replicate.base.exceptions import RunError
 from replicate.base.paths import PAPER
 from replicate.config import resolve
 from replicate.engine.stage import in_order
@@ -11,7 +16,8 @@ from replicate.methods.plan import Plan
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 from replicate.targets import table4
-from replicate.targets.table4.rows import PosingSettings, Source, feeder
+from replicate.targets.table4 import rows as table4_rows
+from replicate.targets.table4.rows import PosingSettings, Source, feeder, write_all
 from replicate.targets.table4.tables import AS_GIVEN, feeding_table, networks_table, posing_table, tables4
 
 
@@ -79,3 +85,25 @@ def test_the_refined_models_networks_feed_all_methods_but_for_toothless(own_grad
         feeder(PosingSettings("teen", "quick", 0, default_section("quick"), (), sources, own_gradients), method)
         == expected
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"), [("dense", "finite; METHODS without dense gives the other rows"), ("rig", "finite")]
+)
+def test_ik_networks_whose_answers_are_not_finite_are_named_with_their_character(name, advice, monkeypatch, tmp_path):
+    params = np.zeros((5, 2), np.float32)
+    params[3] = np.nan
+    networks = SimpleNamespace(solve=lambda points: params)
+    for module, function in ((table4_rows.artefacts, "load_rig"), (table4_rows.artefacts, "load_influence")):
+        monkeypatch.setattr(module, function, lambda inputs: None)
+    monkeypatch.setattr(table4_rows, "control_points", lambda rig, influence: None)
+    monkeypatch.setattr(table4_rows, "configurations", lambda rig, points, files: np.zeros((5, 4, 3), np.float32))
+    monkeypatch.setattr(table4_rows.ik_stage, "load", lambda inputs, source: networks)
+    settings = PosingSettings("teen", "quick", 0, default_section("quick"), (), (Source(name, ""),), False)
+    with pytest.raises(RunError) as told:
+        write_all(settings, {}, (), lambda total, label: nullcontext(), tmp_path)
+    assert str(told.value) == (
+        f"teen: the IK networks trained through {name} answer 1 of 5 configurations of control points with parameters "
+        f"that are not {advice}"
+    )
+    assert not list(tmp_path.iterdir())
