@@ -5,6 +5,7 @@ import gc
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
@@ -14,6 +15,7 @@ gc.set_threshold(20_000, 10, 50)  # imports and JAX leave millions of objects th
 for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of them is loaded
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+sys.modules["rfc3987_syntax"] = None  # jsonschema would let it build a grammar of addresses, which takes 2 s
 if "PYTEST_XDIST_WORKER" not in os.environ:  # what one process of the tests compiles or builds, all of them share
     folder = tempfile.mkdtemp(prefix="replicate-compiled-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

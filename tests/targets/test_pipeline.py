@@ -31,6 +31,14 @@ poses = 60
 steps = 40
 [dense.training]
 steps = 250
+[coarse_line.training]
+steps = 20
+[refined_line.training]
+steps = 10
+[dense_line.training]
+steps = 20
+[dense_small.training]
+steps = 20
 [driven.training]
 steps = 20
 [pca]
@@ -94,7 +102,7 @@ components = 24
 basis_samples = 200
 hidden = [32, 32]
 [regional.training]
-steps = 100
+steps = 20
 [regional_derivatives]
 regions = 4
 components = 24
