@@ -22,23 +22,15 @@ validation = 8
 [coarse]
 map_size = 16
 [coarse.training]
-steps = 250
+steps = 120
 peak_rate = 0.01
 [refinement]
 map_size = 32
 poses = 60
 [refinement.training]
-steps = 40
+steps = 20
 [dense.training]
-steps = 250
-[coarse_line.training]
-steps = 20
-[refined_line.training]
-steps = 10
-[dense_line.training]
-steps = 20
-[dense_small.training]
-steps = 20
+steps = 120
 [driven.training]
 steps = 20
 [pca]
