@@ -52,6 +52,7 @@ _hook = install_import_hook([".".join(path.with_suffix("").parts) for path in SH
 
 LONG = (
     "test_pipeline.py",
+    "test_course.py",
     "test_table2_on_a_cluster.py",
     "test_dask_workers.py",
     "test_characters.py",
