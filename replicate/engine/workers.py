@@ -126,11 +126,10 @@ def worker_environment(orders: dict) -> dict[str, str]:
     that sets JAX_PLATFORMS.
     """
     threads = orders["threads"]
-    ours = f"--xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
+    eigen = "--xla_cpu_multi_thread_eigen="
     # once and no more: JAX's cache knows compiled code by the list of flags
-    flags = [
-        flag for flag in os.environ.get("XLA_FLAGS", "").split() if flag.partition("=")[0] != ours.partition("=")[0]
-    ]
+    flags = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if not flag.startswith(eigen)]
+    flags.append(f"{eigen}{'true' if threads > 1 else 'false'}")
     return {
         "JAX_PLATFORMS": "cpu",
         **os.environ,

@@ -128,7 +128,9 @@ def _methods_in(module: ModuleType, config: Config | None) -> tuple:
 
 def _brought(module: ModuleType, config: Config | None) -> list[Method]:
     """Return the methods of a module from outside, whose mistakes in `stages` are told in a sentence."""
-    return [replace(method, stages=partial(_stages, method, module.__file__)) for method in _methods_in(module, config)]
+    return [
+        replace(method, stages=partial(_stages, method, str(module.__file__))) for method in _methods_in(module, config)
+    ]
 
 
 def _stages(method: Method, file: str, plan: Plan) -> tuple[Stage, ...]:
