@@ -22,7 +22,7 @@ validation = 8
 [coarse]
 map_size = 16
 [coarse.training]
-steps = 120
+steps = 160
 peak_rate = 0.01
 [refinement]
 map_size = 32
@@ -30,7 +30,7 @@ poses = 60
 [refinement.training]
 steps = 20
 [dense.training]
-steps = 120
+steps = 160
 [driven.training]
 steps = 20
 [pca]
