@@ -9,6 +9,7 @@ import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
+from typing import ClassVar
 
 gc.set_threshold(20_000, 10, 50)  # imports and JAX leave millions of objects that are no garbage
 
@@ -49,6 +50,8 @@ SOURCES = [path for name in ("replicate", "data_recipes") for path in sorted((RO
 SHAPED = [path.relative_to(ROOT) for path in SOURCES if {"jaxtyping", "numba"} & set(path.read_text("utf-8").split())]
 beartype_packages(("replicate", "data_recipes"), conf=CONF)
 _hook = install_import_hook([".".join(path.with_suffix("").parts) for path in SHAPED], "typechecker.check")
+
+from replicate.engine import worker, workers
 
 LONG = (
     "test_pipeline.py",
@@ -200,3 +203,40 @@ def cache(tmp_path, monkeypatch):
     folder = tmp_path / "cache"
     monkeypatch.setenv("REPLICATE_CACHE", str(folder))
     return folder
+
+
+NURSERY = workers.Nursery
+
+
+class SharedNursery:
+    """A nursery for the runs of all tests of this process: libraries are loaded once, not once or twice for each run.
+
+    Where an environment differs in what libraries read when they are loaded, there is another one.
+    """
+
+    nurseries: ClassVar[dict] = {}
+
+    def __init__(self, environment):
+        own = ("REPLICATE_", "PYTEST_")
+        self._environment = environment
+        key = os.getcwd(), *sorted(item for item in environment.items() if not item[0].startswith(own))
+        if key not in self.nurseries:
+            self.nurseries[key] = NURSERY(environment)
+            atexit.register(self.nurseries[key].close)
+        self._nursery = self.nurseries[key]
+
+    def start(self, libraries):
+        return self._nursery.start({*worker.LIBRARIES, *libraries}, self._environment)
+
+    def close(self):
+        """Leave the nursery to the next run; it ends with this process."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def nursery(request):
+    """Have runs share nurseries, but for the tests of the engine and of signals, which look at a run's processes."""
+    folder = request.path.relative_to(Path(__file__).parent).parts[0]
+    with pytest.MonkeyPatch.context() as patch:
+        if folder not in ("base", "engine"):
+            patch.setattr(workers, "Nursery", SharedNursery)
+        yield

@@ -13,6 +13,7 @@ from toy_runs import own_children
 from toy_stages import ToyConfig
 
 from replicate.base.exceptions import RunError
+from replicate.engine import workers
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage
 from replicate.engine.workers import Nursery, worker_environment
@@ -33,6 +34,9 @@ def second(context):
 
 def sleep(context):
     time.sleep(60)
+
+def environment(context):
+    (context.out / "facts.json").write_text(json.dumps([os.environ.get("HERE"), os.environ.get("GONE")]))
 """
 
 
@@ -95,3 +99,17 @@ def test_a_worker_of_a_process_with_its_flags_has_the_same_and_so_the_same_compi
         assert sorted(worker_environment(orders)["XLA_FLAGS"].split()) == sorted(flags.split())
         several = worker_environment(orders | {"threads": 4})["XLA_FLAGS"].split()
         assert several == ["--xla_a=1", "--xla_cpu_multi_thread_eigen=true"]
+
+
+def test_a_worker_may_have_another_environment_than_its_nursery(cache, stages, monkeypatch):
+    class Other(Nursery):
+        def __init__(self, environment):
+            super().__init__({**environment, "GONE": "before"})
+            self.environment = environment
+
+        def start(self, libraries):
+            return super().start(libraries, {**self.environment, "HERE": "now"})
+
+    monkeypatch.setattr(workers, "Nursery", Other)
+    (folder,) = run([Stage("told", "forked:environment", ToyConfig())]).values()
+    assert json.loads((folder / "facts.json").read_text()) == ["now", None]
