@@ -217,7 +217,7 @@ class SharedNursery:
     nurseries: ClassVar[dict] = {}
 
     def __init__(self, environment):
-        own = ("REPLICATE_", "PYTEST_")
+        own = ("REPLICATE_", "PYTEST_", "KMP_")  # the last are what torch sets when it is loaded
         self._environment = environment
         key = os.getcwd(), *sorted(item for item in environment.items() if not item[0].startswith(own))
         if key not in self.nurseries:
