@@ -5,15 +5,18 @@ import gc
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
+from typing import ClassVar
 
 gc.set_threshold(20_000, 10, 50)  # imports and JAX leave millions of objects that are no garbage
 
 for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of them is loaded
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+sys.modules["rfc3987_syntax"] = None  # jsonschema would let it build a grammar of addresses, which takes 2 s
 if "PYTEST_XDIST_WORKER" not in os.environ:  # what one process of the tests compiles or builds, all of them share
     folder = tempfile.mkdtemp(prefix="replicate-compiled-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -22,8 +25,10 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # what one process of the tests com
     os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(folder, "jax")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "0"
+    flags = [os.environ.get("XLA_FLAGS", ""), "--xla_cpu_multi_thread_eigen=false"]  # as workers have: they share code
     if version("jaxlib").startswith("0.10."):  # others may not know it: rigs compile in two thirds of the time
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false".strip()
+        flags.append("--xla_cpu_use_fusion_emitters=false")
+    os.environ["XLA_FLAGS"] = " ".join(flags).strip()
 
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:  # as under nohup: processes that tests start would ignore it too
@@ -46,8 +51,11 @@ SHAPED = [path.relative_to(ROOT) for path in SOURCES if {"jaxtyping", "numba"} &
 beartype_packages(("replicate", "data_recipes"), conf=CONF)
 _hook = install_import_hook([".".join(path.with_suffix("").parts) for path in SHAPED], "typechecker.check")
 
+from replicate.engine import worker, workers
+
 LONG = (
     "test_pipeline.py",
+    "test_course.py",
     "test_table2_on_a_cluster.py",
     "test_dask_workers.py",
     "test_characters.py",
@@ -195,3 +203,40 @@ def cache(tmp_path, monkeypatch):
     folder = tmp_path / "cache"
     monkeypatch.setenv("REPLICATE_CACHE", str(folder))
     return folder
+
+
+NURSERY = workers.Nursery
+
+
+class SharedNursery:
+    """A nursery for the runs of all tests of this process: libraries are loaded once, not once or twice for each run.
+
+    Where an environment differs in what libraries read when they are loaded, there is another one.
+    """
+
+    nurseries: ClassVar[dict] = {}
+
+    def __init__(self, environment):
+        own = ("REPLICATE_", "PYTEST_", "KMP_")  # the last are what torch sets when it is loaded
+        self._environment = environment
+        key = os.getcwd(), *sorted(item for item in environment.items() if not item[0].startswith(own))
+        if key not in self.nurseries:
+            self.nurseries[key] = NURSERY(environment)
+            atexit.register(self.nurseries[key].close)
+        self._nursery = self.nurseries[key]
+
+    def start(self, libraries):
+        return self._nursery.start({*worker.LIBRARIES, *libraries}, self._environment)
+
+    def close(self):
+        """Leave the nursery to the next run; it ends with this process."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def nursery(request):
+    """Have runs share nurseries, but for the tests of the engine and of signals, which look at a run's processes."""
+    folder = request.path.relative_to(Path(__file__).parent).parts[0]
+    with pytest.MonkeyPatch.context() as patch:
+        if folder not in ("base", "engine"):
+            patch.setattr(workers, "Nursery", SharedNursery)
+        yield

@@ -131,6 +131,7 @@ def test_the_command_line_loads_nothing_heavy_to_see_that_nothing_is_to_be_done(
     program = (
         "import sys, replicate.__main__, replicate.engine.scheduler, replicate.engine.cache_report\n"
         "from replicate.cli.target_list import targets\nfrom replicate.methods.method_registry import methods\n"
+        "import replicate.targets.table2\n"
         f"targets(), methods()\nprint(sorted({heavy} & set(sys.modules)))"
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -3,16 +3,25 @@
 A function depends on the definitions that it names in its module, on those that it imports from others, on what those
 name in turn, and on every statement that runs when one of these modules is imported. Anything else, such as how stages
 are put together or how a row is labelled, can change without making an artefact anew.
+
+What is found in a module is kept beside its bytecode, as `__pycache__/<module>.<Python>.opt-outline.json`: to parse all
+takes a second and a half of each command.
 """
 
 import ast
 import functools
 import hashlib
+import importlib.util
+import json
 import os
 import sys
+import zlib
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from replicate.base.files import read_sealed, write_sealed
 from replicate.base.paths import ROOT
 
 # What runs a stage and checks its configuration. It changes no result, so no stage depends on it.
@@ -219,6 +228,55 @@ def _module_file(module: str) -> Path | None:
 @functools.cache
 def _outline(file: Path, module: str) -> _Outline:
     text = file.read_bytes()
+    key = _hash(b"\n".join([_own_text(), sys.version.encode(), module.encode(), text]))
+    place = Path(importlib.util.cache_from_source(str(file), optimization="outline")).with_suffix(".json")
+    kept = read_sealed(place, lambda stream: json.loads(zlib.decompress(stream.read()))) if place.exists() else None
+    if kept is not None and kept["key"] == key:
+        return _from_json(kept["outline"])
+    outline = _read(text, file, module)
+    if not sys.dont_write_bytecode:
+        with suppress(OSError):  # as of a tree that can't be written to
+            data = zlib.compress(json.dumps({"key": key, "outline": _as_json(outline)}).encode(), 1)
+            write_sealed(place, lambda stream: stream.write(data), durable=False)
+    return outline
+
+
+@functools.cache
+def _own_text() -> bytes:
+    return Path(__file__).read_bytes()
+
+
+def _as_json(outline: _Outline) -> dict[str, Any]:
+    """Return an outline as JSON holds it, sets as lists; `_from_json` turns it back."""
+    statements = [
+        [each.is_import, each.dump, sorted(each.names), sorted(each.attributes), sorted(each.bare), each.imports]
+        for each in outline.statements
+    ]
+    return vars(outline) | {
+        "statements": statements,
+        "definitions": sorted(outline.definitions),
+        "imports": sorted(outline.imports),
+    }
+
+
+def _from_json(kept: dict[str, Any]) -> _Outline:
+    statements = tuple(
+        _Statement(
+            is_import,
+            dump,
+            frozenset(names),
+            frozenset(map(tuple, attributes)),
+            frozenset(bare),
+            tuple(map(tuple, imports)),
+        )
+        for is_import, dump, names, attributes, bare, imports in kept["statements"]
+    )
+    bindings = {name: tuple(places) for name, places in kept["bindings"].items()}
+    sets = {name: frozenset(kept[name]) for name in ("definitions", "imports")}
+    return _Outline(kept["text"], statements, bindings, loose=tuple(kept["loose"]), **sets)
+
+
+def _read(text: bytes, file: Path, module: str) -> _Outline:
     tree = ast.parse(text, str(file))
     _drop_docstring(tree)
     package = file.name == "__init__.py"

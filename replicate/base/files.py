@@ -67,13 +67,14 @@ _BEGIN, _END = b"sha256:", b"\n"
 _SEAL_BYTES = len(_BEGIN) + 64 + len(_END)
 
 
-def write_sealed(file: Path, write: Callable[[BinaryIO], object]) -> None:
+def write_sealed(file: Path, write: Callable[[BinaryIO], object], durable: bool = True) -> None:
     """Write a file whose first line is a checksum of the rest; even after a power cut it is whole or absent.
 
     write: writes the contents to the binary stream that it is called with.
+    durable: as for `replacing`; without it, a power cut may leave a damaged file, which the checksum tells.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file, durable=True) as new, open(new, "w+b") as stream:
+    with replacing(file, durable) as new, open(new, "w+b") as stream:
         stream.write(b" " * _SEAL_BYTES)
         write(stream)
         seal = _seal(stream)

@@ -219,7 +219,9 @@ def sentence(missing: Sequence[Stage], times: Mapping[str, float | None], worker
     seconds = wall_s(missing, times, workers)
     cores = f"{workers} core{'s' * (workers > 1)}"
     many = f"{len(missing)} artefact{'s' * (len(missing) > 1)} to make"
-    text = f"{many}: about {duration(seconds)} on {cores}, if they are as fast as those of the reference results"
+    text = (
+        f"{many}: about {duration(seconds)} on {cores}, if they are as fast as those of the reference results and idle"
+    )
     unknown = sorted({stage.name for stage in missing if times[stage.identifier] is None})
     return text + (f"; without {', '.join(unknown)}, whose times are unknown" if unknown else "")
 

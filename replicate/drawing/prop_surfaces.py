@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 
 from replicate.drawing.scene import MATT, SILKY, WET, WHITE, Camera, Finish, Surface, axes
 
@@ -50,6 +49,8 @@ def carry_props(
     So brows lie on every method's skin as they do on the true one, and no error of the skin hides them. props: as
     `prop_surfaces` takes them, on the true skin.
     """
+    from scipy.spatial import cKDTree  # each command would wait for it, which few of them need
+
     tree, step = cKDTree(truth), np.asarray(vertices, np.float64) - truth
     moved = []
     for name, places, faces, colour in props:

@@ -21,12 +21,18 @@ class StageDisplay:
         self._announced = False
         self._bar: tqdm | None = None
         self._label, self._label_start, self._label_initial = "", self.start, 0.0
-        self.left_s: float | None = None  # of the part that the stage is at, once it has said how far it is
+        self._left_s, self._told = None, self.start  # of the part that the stage is at, and when it was told
 
     @property
     def seconds(self) -> float:
         """How long the stage has been running."""
         return time.monotonic() - self.start
+
+    @property
+    def left_s(self) -> float | None:
+        """How long the part that the stage is at still takes, as it last said; None if it hasn't or the time is up."""
+        left_s = 0.0 if self._left_s is None else self._left_s - (time.monotonic() - self._told)
+        return left_s if left_s > 0 else None
 
     def tick(self) -> None:
         """Announce the stage once it has run for two seconds."""
@@ -46,11 +52,12 @@ class StageDisplay:
             self._close()
             self._label, self._label_start, self._label_initial = label, time.monotonic(), steps
         seconds, here = time.monotonic() - self._label_start, steps - self._label_initial
-        self.left_s = seconds * (total - steps) / here if here > 0 else None
+        self._left_s = seconds * (total - steps) / here if here > 0 else None
+        self._told = time.monotonic()
         if self.stream.isatty():
             self._draw(steps, total)
         elif self._announced and time.monotonic() - self._last_line >= LINE_EVERY_S and steps < total:
-            left = "" if self.left_s is None else f", about {duration(self.left_s)} left"
+            left = "" if self._left_s is None else f", about {duration(self._left_s)} left"
             self._line(f"{label} {steps:,.0f} of {total:,.0f}{left}")
 
     def end(self, outcome: str) -> None:
@@ -93,15 +100,20 @@ class RunDisplay:
         self.start = self._last_line = time.monotonic()
         self._bar: tqdm | None = None
 
-    def show(self, done: int, running: int, left_s: float | None, row: int) -> None:
+    def show(self, done: int, running: int, left_s: float | None, row: int, late: bool = False) -> None:
         """Show how many artefacts are done and being made, and about how many seconds are left, if that is known.
 
         row: the first row below the bars of the stages.
+        late: whether what is being made has taken longer than expected; the seconds are then those of the others.
         """
         now = time.monotonic()
         if self.total < 2 or now - self.start < DELAY_S:
             return
-        left = f", about {duration(left_s)} left" if left_s and left_s >= 1 else ""
+        about = f"about {duration(left_s)}" if left_s and left_s >= 1 else ""
+        if late:
+            left = ", longer than expected" + (f"; then {about}" if about else "")
+        else:
+            left = f", {about} left" if about else ""
         text = f"{done} of {self.total} artefacts, {running} under way{left}"
         if self.stream.isatty():
             self._draw(text, done, row)

@@ -105,21 +105,36 @@ class Forecast:
         running_s: how long the running stages have been at it, by their identifiers.
         at_least_s: how long the part that they are at still takes, of those that say it.
         """
-        at_least_s = at_least_s or {}
         self._most = max(self._most, len(running_s))
-        known = self._expected
-        if not known and self._spent:
-            known = dict.fromkeys((stage.identifier for stage in undone), statistics.fmean(self._spent.values()))
+        left = self._left(undone, running_s, at_least_s or {})
+        return None if left is None else wall_s(undone, left, self._workers or self._most)
+
+    def is_late(self, undone: Sequence[Stage], running_s: Mapping[str, float], at_least_s: Mapping[str, float]) -> bool:
+        """Return whether all running stages have taken as long as expected or longer; arguments as of `left_s`.
+
+        What is left no longer shrinks then. Stages whose times nobody knows are not late.
+        """
+        left = self._left(undone, running_s, at_least_s) or {}
+        return not self._known(undone).keys().isdisjoint(running_s) and not any(left.get(name) for name in running_s)
+
+    def _known(self, undone: Sequence[Stage]) -> Mapping[str, float]:
+        if self._expected or not self._spent:
+            return self._expected
+        return dict.fromkeys((stage.identifier for stage in undone), statistics.fmean(self._spent.values()))
+
+    def _left(
+        self, undone: Sequence[Stage], running_s: Mapping[str, float], at_least_s: Mapping[str, float]
+    ) -> dict[str, float] | None:
+        known = self._known(undone)
         if not known and not at_least_s:
             return None
         both = known.keys() & self._spent.keys()
         pace = (sum(self._spent[name] for name in both) + _TRUST_S) / (sum(known[name] for name in both) + _TRUST_S)
         names = [stage.identifier for stage in undone]
-        left = {
+        return {
             name: max(at_least_s.get(name, 0.0), pace * known.get(name, 0.0) - running_s.get(name, 0.0))
             for name in names
         }
-        return wall_s(undone, left, self._workers or self._most)
 
 
 def wall_s(missing: Sequence[Stage], times: Mapping[str, float | None], workers: int) -> float:
@@ -174,7 +189,8 @@ def _make(
                 row = max((display.slot + 1 for display in displays.values()), default=0)
                 done = len(tasks) - len(lost) - len(undone)
                 parts = {name: display.left_s for name, display in displays.items() if display.left_s}
-                run_display.show(done, len(displays), forecast.left_s(list(undone.values()), seconds, parts), row)
+                known = list(undone.values()), seconds, parts
+                run_display.show(done, len(displays), forecast.left_s(*known), row, forecast.is_late(*known))
     finally:
         executor.close()
         run_display.end()

@@ -126,13 +126,16 @@ def worker_environment(orders: dict) -> dict[str, str]:
     that sets JAX_PLATFORMS.
     """
     threads = orders["threads"]
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
+    eigen = "--xla_cpu_multi_thread_eigen="
+    # once and no more: JAX's cache knows compiled code by the list of flags
+    flags = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if not flag.startswith(eigen)]
+    flags.append(f"{eigen}{'true' if threads > 1 else 'false'}")
     return {
         "JAX_PLATFORMS": "cpu",
         **os.environ,
         **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool
-        "XLA_FLAGS": flags.strip(),
+        "XLA_FLAGS": " ".join(flags),
         "PYTHONPATH": str(ROOT),
         "PYTHONUNBUFFERED": "1",
         "REPLICATE_CACHE": orders["cache"],
@@ -248,12 +251,17 @@ class Nursery:
             )
         self._codes: dict[int, int] = {}  # of workers that have ended, by their process numbers
 
-    def start(self, libraries: Iterable[str]) -> "Fork | None":
-        """Return a new worker, or None where the nursery can't fork (any more); libraries: what to have imported."""
+    def start(self, libraries: Iterable[str], environment: Mapping[str, str] | None = None) -> "Fork | None":
+        """Return a new worker, or None where the nursery can't fork (any more).
+
+        libraries: what to have imported.
+        environment: of this worker, if not the nursery's; what libraries read when they are imported stays as it was.
+        """
+        request = {"libraries": sorted(libraries), "environment": environment and dict(environment)}
         stdin, into = os.pipe()
         out, stdout = os.pipe()
         try:
-            socket.send_fds(self._line, [json.dumps(sorted(libraries)).encode()], [stdin, stdout])
+            socket.send_fds(self._line, [json.dumps(request).encode()], [stdin, stdout])
             answer = self._hear("pid")
         except OSError:
             answer = {"pid": None}
@@ -340,8 +348,9 @@ def _serve(line: socket.socket) -> bool:
     request, descriptors, _, _ = socket.recv_fds(line, _LONGEST, 2)
     if not request:
         return False
-    _load(json.loads(request))
-    pid = _fork(descriptors) if _threads() == 1 else None
+    wishes = json.loads(request)
+    _load(wishes["libraries"])
+    pid = _fork(descriptors, wishes["environment"]) if _threads() == 1 else None
     for descriptor in descriptors:
         os.close(descriptor)
     line.send(json.dumps({"pid": pid}).encode())
@@ -360,8 +369,8 @@ def _threads() -> int:
     return len(list(Path("/proc/self/task").iterdir()))
 
 
-def _fork(descriptors: list[int]) -> int:
-    """Return the number of a new process that is a worker with these standard streams."""
+def _fork(descriptors: list[int], environment: dict[str, str] | None) -> int:
+    """Return the number of a new process that is a worker with these standard streams and this environment."""
     nursery = os.getpid()
     pid = os.fork()
     if pid:
@@ -379,6 +388,9 @@ def _fork(descriptors: list[int]) -> int:
         for number, descriptor in enumerate(descriptors):
             os.dup2(descriptor, number)
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+        if environment is not None:
+            os.environ.clear()
+            os.environ.update(environment)
         worker.main()
         atexit._run_exitfuncs()
         code = 0

@@ -7,7 +7,8 @@ import pkgutil
 import re
 import sys
 from collections.abc import Iterable, Sequence
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 
@@ -18,7 +19,9 @@ from replicate.base.schema import Checked
 from replicate.base.spelling import nothing_named
 from replicate.base.user_files import is_file, shown_path
 from replicate.config import Config
+from replicate.engine.stage import Stage
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan
 
 VARIABLE = "REPLICATE_METHODS"  # lists files of methods from outside, for worker processes and notebooks
 PACKAGE = "replicate.methods"
@@ -30,8 +33,9 @@ def methods(config: Config | None = None) -> dict[str, Method]:
 
     config: decides which numbers of bones LBS has; None for the paper's.
     """
-    modules = [*_suite_modules(), *map(_outside_module, _outside_files())]
-    return {method.name: method for method in _sort(m for module in modules for m in _methods_in(module, config))}
+    own = [method for module in _suite_modules() for method in _methods_in(module, config)]
+    brought = [method for module in map(_outside_module, _outside_files()) for method in _brought(module, config)]
+    return {method.name: method for method in _sort([*own, *brought])}
 
 
 def sections(profile: str) -> dict[str, Checked]:
@@ -83,7 +87,7 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
         elif word == "standard":
             selection |= {name: method for name, method in registry.items() if method.standard}
         elif word in outside:
-            selection |= {method.name: method for method in _methods_in(outside[word], config)}
+            selection |= {method.name: method for method in _brought(outside[word], config)}
         elif word == "lbs":
             selection |= {name: method for name, method in registry.items() if re.fullmatch(r"lbs\d+", name)}
         elif word == PRINTED:
@@ -120,6 +124,23 @@ def _methods_in(module: ModuleType, config: Config | None) -> tuple:
     if hasattr(module, "methods_of"):
         return module.methods_of(config)
     return (module.METHOD,) if hasattr(module, "METHOD") else tuple(module.METHODS)
+
+
+def _brought(module: ModuleType, config: Config | None) -> list[Method]:
+    """Return the methods of a module from outside, whose mistakes in `stages` are told in a sentence."""
+    return [
+        replace(method, stages=partial(_stages, method, str(module.__file__))) for method in _methods_in(module, config)
+    ]
+
+
+def _stages(method: Method, file: str, plan: Plan) -> tuple[Stage, ...]:
+    try:
+        return tuple(method.stages(plan))
+    except InputError:
+        raise
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}".removesuffix(": ")
+        raise InputError(f"{file}: the method {method.name!r} can't say its stages ({said})") from error
 
 
 def _outside_files() -> list[Path]:

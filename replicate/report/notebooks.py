@@ -169,6 +169,7 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
     parameters: name → value; each name must be assigned in the first code cell
     stamp: stored in the metadata
     """
+    sys.modules.setdefault("rfc3987_syntax", None)  # jsonschema has it build a grammar of addresses, 2 s: none is here
     import nbformat
     from jupyter_client.manager import AsyncKernelManager
     from nbclient import NotebookClient

@@ -135,3 +135,26 @@ def test_looking_at_sources_imports_none_of_them():
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert process.stdout.strip() == "[]"
+
+
+def test_what_is_found_in_a_module_is_kept_until_its_text_changes(digest, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    first = digest({})
+    (kept,) = (tmp_path / "toys" / "__pycache__").glob("stage.*.opt-outline.json")
+    with monkeypatch.context() as patch:
+        patch.setattr(sources, "_read", None)  # it would be an error to parse anything
+        file = tmp_path / "toys" / "stage.py"
+        sources._outline.cache_clear()
+        outline = sources._outline(file, "toys.stage")
+        assert digest({}) == first
+    assert outline == sources._read(file.read_bytes(), file, "toys.stage")
+    assert outline != sources._read(file.read_bytes(), file, "stage"), "the module's name counts"
+    changed = {"toys/stage.py": PROGRAM["toys/stage.py"].replace("SCALE = 2", "SCALE = 4")}
+    assert digest(changed) != first == digest({})
+    kept.write_bytes(kept.read_bytes()[:-1] + b"x")
+    assert digest({}) == first and f"{kept}: damaged" in capfd.readouterr().err
+
+
+def test_nothing_is_kept_where_python_keeps_no_bytecode(digest, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    assert digest({}) and not list(tmp_path.rglob("*.json"))

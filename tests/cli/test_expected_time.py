@@ -84,7 +84,7 @@ def test_work_is_shared_by_workers_but_a_chain_is_not():
 
 def test_the_sentence_names_time_workers_and_what_is_unknown(folder):
     coarse, regional = stage_of("coarse", "teen"), stage_of("regional", "teen")
-    line = "1 artefact to make: about 10 min on 2 cores, if they are as fast as those of the reference results"
+    line = "1 artefact to make: about 10 min on 2 cores, if they are as fast as those of the reference results and idle"
     assert foresee([coarse], 2, folder)[0] == line
     assert foresee([coarse, regional], 1, folder)[0].endswith("; without regional, whose times are unknown")
     assert foresee([regional], 2, folder)[0] == "" == foresee([coarse], 2, folder / "nowhere")[0]

@@ -86,6 +86,33 @@ def test_a_run_is_one_line_every_half_minute_where_there_is_no_terminal(clock):
     ]
 
 
+def test_a_run_whose_time_is_up_says_so_and_no_longer_tells_the_same_rest_as_if_it_were_all(clock):
+    screen = Screen(terminal=False)
+    whole = RunDisplay(36, screen)
+    for late, left_s in ((False, 39.0), (True, 39.0), (True, 0.0), (True, None)):
+        clock[0] += 31
+        whole.show(32, 1, left_s, 1, late)
+    assert screen.getvalue().splitlines() == [
+        "32 of 36 artefacts, 1 under way, about 39 s left",
+        "32 of 36 artefacts, 1 under way, longer than expected; then about 39 s",
+        "32 of 36 artefacts, 1 under way, longer than expected",
+        "32 of 36 artefacts, 1 under way, longer than expected",
+    ]
+
+
+def test_what_a_stage_says_is_left_of_it_goes_by_with_the_time(clock):
+    stage_display = StageDisplay("coarse", 0, Screen(terminal=False))
+    assert stage_display.left_s is None
+    stage_display.progress("training", 0, 10)
+    clock[0] += 5
+    stage_display.progress("training", 5, 10)
+    assert stage_display.left_s == 5.0
+    clock[0] += 3
+    assert stage_display.left_s == 2.0, "though it has said nothing since"
+    clock[0] += 3
+    assert stage_display.left_s is None
+
+
 def test_a_run_of_a_few_seconds_or_of_one_artefact_has_no_line_of_its_own(clock):
     for terminal, total, seconds in ((False, 57, 20), (True, 57, 1), (True, 1, 100), (False, 1, 100)):
         screen = Screen(terminal)

@@ -304,6 +304,21 @@ def test_what_is_left_of_a_run_follows_expected_times_and_what_the_first_stages_
     assert Forecast({}, 1).left_s(chain[:1], {}, {chain[0].identifier: 90.0}) == 90
 
 
+def test_a_run_is_late_once_all_that_runs_has_taken_longer_than_expected():
+    first, second, third = chain = [Stage(name, "toy_stages:numbers", ToyConfig()) for name in ("1", "2", "3")]
+    known = Forecast({first.identifier: 60.0, second.identifier: 90.0}, 2)
+    assert not known.is_late(chain, {}, {}) and not known.is_late(chain, {first.identifier: 59.0}, {})
+    assert known.is_late(chain, {first.identifier: 61.0}, {})
+    assert not known.is_late(chain, {first.identifier: 61.0}, {first.identifier: 5.0}), "it knows how long it takes"
+    assert not known.is_late(chain, {first.identifier: 61.0, second.identifier: 61.0}, {})
+    assert known.is_late(chain, {first.identifier: 91.0, second.identifier: 91.0, third.identifier: 91.0}, {})
+    assert not known.is_late(chain, {third.identifier: 1e4}, {}), "nothing was expected of it"
+    unknown = Forecast({}, 2)
+    assert not unknown.is_late(chain, {first.identifier: 1e4}, {})
+    unknown.done(first.identifier, 50.0)
+    assert unknown.is_late(chain[1:], {second.identifier: 51.0}, {}), "than the others took"
+
+
 def test_inputs_come_one_after_the_other_however_many_workers_there_are():
     graph = in_order(toy_graph())
     assert Forecast({stage.identifier: 60.0 for stage in graph}, 99).left_s(graph, {}) == 3 * 60
@@ -315,3 +330,10 @@ def test_a_run_tells_how_far_it_is_as_a_whole(cache, capfd, monkeypatch):
     run(toy_graph(pause_s=0.3))
     lines = [line for line in capfd.readouterr().err.splitlines() if " of 5 artefacts, " in line]
     assert lines and all("under way" in line for line in lines)
+
+
+def test_a_run_that_takes_longer_than_expected_says_so(cache, capfd, monkeypatch):
+    monkeypatch.setattr("replicate.engine.display.DELAY_S", 0.0)
+    monkeypatch.setattr("replicate.engine.display.LINE_EVERY_S", 0.0)
+    run(toy_graph(pause_s=0.3), foresee=lambda missing: ("", {stage.identifier: 1e-3 for stage in missing}))
+    assert ", longer than expected" in capfd.readouterr().err

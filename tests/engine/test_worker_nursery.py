@@ -13,9 +13,10 @@ from toy_runs import own_children
 from toy_stages import ToyConfig
 
 from replicate.base.exceptions import RunError
+from replicate.engine import workers
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage
-from replicate.engine.workers import Nursery
+from replicate.engine.workers import Nursery, worker_environment
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are forks on Linux alone")
 
@@ -33,6 +34,9 @@ def second(context):
 
 def sleep(context):
     time.sleep(60)
+
+def environment(context):
+    (context.out / "facts.json").write_text(json.dumps([os.environ.get("HERE"), os.environ.get("GONE")]))
 """
 
 
@@ -84,3 +88,28 @@ def test_beside_a_thread_nothing_is_forked_nor_by_a_nursery_that_is_gone(tmp_pat
     own_children()[0].kill()
     assert nursery.start([]) is None
     nursery.close()
+
+
+def test_a_worker_of_a_process_with_its_flags_has_the_same_and_so_the_same_compiled_code(monkeypatch):
+    orders = {"cache": "here", "threads": 1}
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    assert worker_environment(orders)["XLA_FLAGS"] == "--xla_cpu_multi_thread_eigen=false"
+    for flags in ("--xla_cpu_multi_thread_eigen=false --xla_a=1", "--xla_a=1 --xla_cpu_multi_thread_eigen=false"):
+        monkeypatch.setenv("XLA_FLAGS", flags)
+        assert sorted(worker_environment(orders)["XLA_FLAGS"].split()) == sorted(flags.split())
+        several = worker_environment(orders | {"threads": 4})["XLA_FLAGS"].split()
+        assert several == ["--xla_a=1", "--xla_cpu_multi_thread_eigen=true"]
+
+
+def test_a_worker_may_have_another_environment_than_its_nursery(cache, stages, monkeypatch):
+    class Other(Nursery):
+        def __init__(self, environment):
+            super().__init__({**environment, "GONE": "before"})
+            self.environment = environment
+
+        def start(self, libraries):
+            return super().start(libraries, {**self.environment, "HERE": "now"})
+
+    monkeypatch.setattr(workers, "Nursery", Other)
+    (folder,) = run([Stage("told", "forked:environment", ToyConfig())]).values()
+    assert json.loads((folder / "facts.json").read_text()) == ["now", None]

@@ -120,6 +120,21 @@ def test_a_method_that_calls_sys_exit_before_the_run_is_named_and_is_no_success(
     assert capfd.readouterr().err == f"{file}: stages called sys.exit(0), where it had to return\n"
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('raise ValueError("no data for tiny")', "ValueError: no data for tiny"),
+        ("return None", "TypeError: 'NoneType' object is not iterable"),
+        ("assert not plan", "AssertionError"),
+    ],
+)
+def test_a_method_whose_stages_fail_is_named_with_the_mistake(bring, cache, capfd, line, said):  # noqa: F811
+    file = bring(("def stages(plan):", f"def stages(plan):\n    {line}"), name="brought_broken")
+    assert cli.main(["table2", "--profile", "quick", "--characters", "tiny", "--methods", str(file)]) == 2
+    assert capfd.readouterr().err == f"{file}: the method 'mine' can't say its stages ({said})\n"
+    assert not [folder for folder in cache.glob("*-*") if "-tiny-" in folder.name], "nothing was made"
+
+
 def test_a_file_that_there_is_not_is_named(bring, tmp_path):  # noqa: F811
     with pytest.raises(
         InputError, match=rf"{tmp_path}/none.py: there is no such file; METHODS expects names and paths"

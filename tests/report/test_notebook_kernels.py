@@ -1,9 +1,13 @@
 """A notebook's kernel: it starts wherever temporary files lie, and one that is killed is told in a sentence."""
 
+import subprocess
+import sys
+
 import nbformat
 import pytest
 
 from replicate.base.exceptions import RunError
+from replicate.base.paths import ROOT
 from replicate.report.notebooks import execute
 
 
@@ -30,3 +34,13 @@ def test_a_kernel_starts_where_the_path_of_temporary_files_is_too_long_for_a_soc
     monkeypatch.setattr("tempfile.tempdir", None)
     execute(notebook(tmp_path, "print(WORD)"), tmp_path / "out.ipynb", {"WORD": "b"})
     assert nbformat.read(tmp_path / "out.ipynb", 4).cells[1].outputs[0].text == "b\n"
+
+
+def test_no_grammar_of_addresses_is_built_for_a_notebook():
+    code = (
+        "import sys; from pathlib import Path; from replicate.report.notebooks import execute\n"
+        "try: execute(Path('none.ipynb'), Path('out.ipynb'), {})\n"
+        "except FileNotFoundError: print('jsonschema' in sys.modules, 'lark' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "True False\n"

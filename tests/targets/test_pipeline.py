@@ -22,15 +22,15 @@ validation = 8
 [coarse]
 map_size = 16
 [coarse.training]
-steps = 250
+steps = 160
 peak_rate = 0.01
 [refinement]
 map_size = 32
 poses = 60
 [refinement.training]
-steps = 40
+steps = 20
 [dense.training]
-steps = 250
+steps = 160
 [driven.training]
 steps = 20
 [pca]
@@ -94,7 +94,7 @@ components = 24
 basis_samples = 200
 hidden = [32, 32]
 [regional.training]
-steps = 100
+steps = 20
 [regional_derivatives]
 regions = 4
 components = 24

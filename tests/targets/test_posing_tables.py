@@ -1,8 +1,12 @@
 """Table 4 printed: the paper's protocol, who leads in whose poses, and what the IK networks reach."""
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from replicate.base.exceptions import RunError
 from replicate.base.paths import PAPER
 from replicate.config import resolve
 from replicate.engine.stage import in_order
@@ -12,7 +16,8 @@ from replicate.methods.plan import Plan
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 from replicate.targets import table4
-from replicate.targets.table4.rows import PosingSettings, Source, _first_alike, feeder, resampled_ratio
+from replicate.targets.table4 import rows as table4_rows
+from replicate.targets.table4.rows import PosingSettings, Source, _first_alike, feeder, resampled_ratio, write_all
 from replicate.targets.table4.tables import AS_GIVEN, feeding_table, fresh_table, networks_table, posing_table, tables4
 
 
@@ -111,3 +116,25 @@ def test_the_interval_is_that_of_the_mean_over_drags():
 def test_poses_that_are_alike_share_one_measurement():
     params = np.array([[2.0, 0], [1, 1], [2, 0], [0, 5]])
     assert _first_alike(params).tolist() == [0, 1, 0, 2]
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"), [("dense", "finite; METHODS without dense gives the other rows"), ("rig", "finite")]
+)
+def test_ik_networks_whose_answers_are_not_finite_are_named_with_their_character(name, advice, monkeypatch, tmp_path):
+    params = np.zeros((5, 2), np.float32)
+    params[3] = np.nan
+    networks = SimpleNamespace(solve=lambda points: params)
+    for module, function in ((table4_rows.artefacts, "load_rig"), (table4_rows.artefacts, "load_influence")):
+        monkeypatch.setattr(module, function, lambda inputs: None)
+    monkeypatch.setattr(table4_rows, "control_points", lambda rig, influence: None)
+    monkeypatch.setattr(table4_rows, "configurations", lambda rig, points, files: np.zeros((5, 4, 3), np.float32))
+    monkeypatch.setattr(table4_rows.ik_stage, "load", lambda inputs, source: networks)
+    settings = PosingSettings("teen", "quick", 0, default_section("quick"), (), (Source(name, ""),), False)
+    with pytest.raises(RunError) as told:
+        write_all(settings, {}, (), lambda total, label: nullcontext(), tmp_path)
+    assert str(told.value) == (
+        f"teen: the IK networks trained through {name} answer 1 of 5 configurations of control points with parameters "
+        f"that are not {advice}"
+    )
+    assert not list(tmp_path.iterdir())

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import summary, unique_poses
+from replicate.base.exceptions import RunError
 from replicate.engine.stage import stream_rng
 from replicate.inverse import ik_stage
 from replicate.inverse.configurations import configurations, scripted_drags, targets_of
@@ -79,7 +80,7 @@ def write_all(
     with progress(2 * len(settings.sources), "posing") as bar:
         posed = {}
         for source in settings.sources:
-            params = ik_stage.load(inputs, source.name).solve(targets)
+            params = _answers(settings, inputs, source, targets)
             posed[source.name] = pose(rig, params)
             metrics += _approximations(settings, inputs, rig, source, posed[source.name])
             limited = pose(rig, np.clip(params, rig.lower, rig.upper))
@@ -97,6 +98,22 @@ def write_all(
         for method, metric, unit, value, poses in metrics
     ]
     write_results(out / ROWS, rows)
+
+
+def _answers(settings: PosingSettings, inputs: Mapping[str, Path], source: Source, points: np.ndarray) -> np.ndarray:
+    """Return rig parameters (b, m) by a source's IK networks for control points (b, c, 3), mm.
+
+    Raises RunError where they are not finite: such a pose has no error, and the table would hide it in a mean.
+    """
+    params = ik_stage.load(inputs, source.name).solve(points)
+    bad = int((~np.isfinite(params)).any(1).sum())
+    if bad:
+        advice = "" if source.name == ik_stage.RIG else f"; METHODS without {source.name} gives the other rows"
+        raise RunError(
+            f"{settings.character}: the IK networks trained through {source.name} answer {bad} of {len(params)} "
+            f"configurations of control points with parameters that are not finite{advice}"
+        )
+    return params
 
 
 def feeder(settings: PosingSettings, method: str) -> str:
@@ -135,12 +152,12 @@ def _fresh(settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, point
     predictors = {entry.method: predictor(entry, inputs) for entry in settings.methods}
     sources = [source.name for source in settings.sources]
     errors: dict[tuple[str, str, str], np.ndarray] = {}  # method, kind, source → of each drag
-    for source in sources:
-        posed = pose(rig, np.clip(ik_stage.load(inputs, source).solve(targets), rig.lower, rig.upper))
+    for source in settings.sources:
+        posed = pose(rig, np.clip(_answers(settings, inputs, source, targets), rig.lower, rig.upper))
         of_drag = _first_alike(posed.params)
         for method, found in approximation_errors(rig, posed, predictors, rigid, 32).items():
-            errors[method, "vertex", source] = found.pose_mm[of_drag]
-            errors[method, "normal", source] = found.pose_deg[of_drag]
+            errors[method, "vertex", source.name] = found.pose_mm[of_drag]
+            errors[method, "normal", source.name] = found.pose_deg[of_drag]
     metrics, shared = [], next((name for name in FED_BY if name in sources), sources[0])
     for way in dict.fromkeys((OWN, shared, ik_stage.RIG)):
         for kind, unit in (("vertex", "mm"), ("normal", "deg")):
@@ -190,7 +207,7 @@ def _points(
     rows = unique_poses(samples.test_params)
     rows = rows[np.linspace(0, len(rows) - 1, min(RECOVERED, len(rows))).astype(int)]
     truth = rig.mesh.neutral[points.vertices] + np.asarray(samples.test_offsets[rows][:, points.vertices], np.float32)
-    again = pose(rig, ik_stage.load(inputs, name).solve(truth))
+    again = pose(rig, _answers(settings, inputs, source, truth))
     ranges, positions = parameter_ranges(rig), ik_stage.positions(inputs, source.model, points.vertices)
     limits = rig.default, rig.lower, rig.upper, ranges, points.driven(), axes, section.regularisation
     solved = pose(rig, solve(positions, targets, *limits).params)
