@@ -16,7 +16,7 @@ from small_face import M
 from data_recipes.controls import Control
 from replicate.approximation.rigid import Attachments, attach
 from replicate.base.paths import ROOT
-from replicate.deployment.c_face import CFace, c_files, identifier
+from replicate.deployment.c_face import CFace, _enumerators, c_files, identifier
 from replicate.regional.model import RegionalModel, halve
 from replicate.regional.networks import fresh_networks
 
@@ -171,6 +171,24 @@ def test_names_that_c_can_not_tell_apart_or_say_get_numbers(tmp_path):
         assert f"    _3RD_FACE_{name}," in text
     compiled(write(face, tmp_path), tmp_path / "face.o", "-c")
     assert identifier("2x-y") == "_2x_y"
+
+
+def test_names_that_the_source_uses_itself_get_numbers(tmp_path):
+    names = ["once", "demo", *map(str, range(2, M))]
+    controls = tuple(Control(name, -1.0, 0.0, 2.0, "mouth") for name in names)
+    face = c_face(controls=controls, name="at")  # AT_ONCE is the source's own
+    assert "    AT_ONCE_0,\n    AT_DEMO_1,\n" in c_files(face, "my_face")["my_face.h"]
+    compiled(write(face, tmp_path), tmp_path / "face.o", "-c")
+
+
+def test_names_are_different_however_alike_controls_are_called():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        names = ["".join(rng.choice([*"aA_ -01"], rng.integers(1, 5))) for _ in range(30)]
+        controls = [Control(name, -1.0, 0.0, 2.0, "mouth") for name in names]
+        found = _enumerators("A", controls, "A_A_H")
+        assert len(set(found)) == len(controls) and all(re.fullmatch(r"A_\w+", name) for name in found)
+        assert not set(found) & {"A_CONTROLS", "A_VERTICES", "A_SEGMENTS", "A_DEMO", "A_A_H"}
 
 
 def test_a_name_with_its_number_is_not_another_controls_name(tmp_path):

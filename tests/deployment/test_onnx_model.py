@@ -1,4 +1,4 @@
-"""An approximation as one ONNX model: runtimes, that of the web too, give Python's vertices and those of rigid segments."""
+"""An approximation as one ONNX model: runtimes, that of the web too, give Python's vertices, rigid ones as well."""
 
 import json
 import shutil
