@@ -34,6 +34,7 @@ class FaceFacts:
     segments: names of the mesh's segments
     rigid: names of those that the rigid step places
     made_by: the command that wrote the model
+    vertex_count: n
     file_vertices: of each vertex of the file that the face comes from, its place among the model's, −1 for those that
         no model moves; () for faces from no such file
     """
@@ -43,6 +44,7 @@ class FaceFacts:
     segments: Sequence[str]
     rigid: Sequence[str]
     made_by: str
+    vertex_count: int
     file_vertices: Sequence[int] = ()
 
 
@@ -57,6 +59,7 @@ def about_face(face: FaceFacts) -> dict[str, object]:
         "poses": POSES,
         "parameters": PARAMETERS,
         "vertices": VERTICES,
+        "vertex_count": face.vertex_count,
         **({"file_vertices": [*face.file_vertices]} if len(face.file_vertices) else {}),
         "out_of_range": OUT_OF_RANGE,
         "controls": controls,

@@ -193,7 +193,7 @@ def _face(context: StageContext) -> DeployedFace:
     )
     rigid = [names[k] for k in attachments.segment]
     of_file = np.asarray(getattr(rig, "file_vertices", ())).tolist()
-    facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by, of_file)
+    facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by, len(rig.mesh.neutral), of_file)
     params = drawn_poses(rig.controls, POSES, context.rng("checks"))
     return DeployedFace(rig, attachments, facts, params, context.inputs)
 

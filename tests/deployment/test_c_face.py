@@ -1,9 +1,12 @@
 """Our method in C99: it compiles without a warning, gives Python's vertices, and says which controls there are."""
 
 import dataclasses
+import json
 import re
 import shutil
 import subprocess
+import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -84,6 +87,12 @@ ON_A_LINE = attached([2], np.flatnonzero(MESH.segment == 0)[None, 16:26])  # but
 NONE = attached([], np.zeros((0, 10), int))
 
 
+WASM_DRIVER = """
+const [file, poses, count] = process.argv.slice(2), rows = JSON.parse(poses);
+const pose = await faceOf(await readFile(file), rows[0].length, Number(count));
+for (const row of rows) process.stdout.write(new Uint8Array(Float32Array.from(pose(row)).buffer));
+"""
+
 CHANGES = {
     "ours": {},
     "leaky ReLUs": {"model": other_model(gated=False)},
@@ -123,6 +132,24 @@ def test_callers_in_other_languages_pose_the_face(program, tmp_path):
     params = np.eye(1, M, dtype=np.float32) * np.float32(1.5)
     wanted = attach(MESH, FACE.attachments, MESH.neutral + FACE.model.offsets(params))[0]
     np.testing.assert_allclose(np.loadtxt(done.stdout.splitlines()), wanted, atol=1e-3)
+
+
+def test_webassembly_gives_pythons_vertices(tmp_path):
+    node = shutil.which("node") or pytest.skip("needs Node.js")
+    if find_spec("ziglang") is None:
+        pytest.skip("needs a compiler for WebAssembly: pip install ziglang")
+    (words,) = re.findall(r"^python -m ziglang (cc .*) -o teen\.wasm", (ROOT / "ENGINES.md").read_text("utf-8"), re.M)
+    source, wasm = write(c_face(), tmp_path), tmp_path / "small.wasm"
+    words = [str(source) if word.endswith(".c") else word.replace("teen", "small") for word in words.split()]
+    subprocess.run([sys.executable, "-m", "ziglang", *words, "-o", wasm], check=True, capture_output=True, timeout=600)
+    program = tmp_path / "posed.mjs"
+    program.write_text((EXAMPLES / "pose_wasm.mjs").read_text("utf-8").partition("\nfunction refuse")[0] + WASM_DRIVER)
+    done = subprocess.run(
+        [node, program, wasm, json.dumps(POSES.tolist()), str(len(MESH.neutral))], capture_output=True
+    )
+    found = np.frombuffer(done.stdout, np.float32).reshape(len(POSES), -1, 3)
+    wanted = attach(MESH, FACE.attachments, MESH.neutral + FACE.model.offsets(POSES))
+    assert np.linalg.norm(found - wanted, axis=-1).max() < 1e-3
 
 
 def test_the_example_in_rust_counts_what_the_teen_has():

@@ -103,6 +103,7 @@ def test_what_all_models_share_lies_beside_them_as_json(deployed):
     assert facts["controls"] == json.loads(about["controls"]) and facts["segments"] == ["face", "neck", "tooth"]
     assert facts["poses"] == about["poses"] == "any number of poses at once, none too"
     assert facts["vertices"] == about["vertices"] and "millimetres" in facts["vertices"]
+    assert facts["vertex_count"] == len(MESH.neutral)
 
 
 def test_the_c_file_gives_pythons_vertices(deployed, inputs, tmp_path):
