@@ -260,6 +260,8 @@ def load(file):
         limits = {"soft_min": control["lower"], "soft_max": control["upper"], "default": control["default"]}
         face.id_properties_ui(name).update(**limits, description=f"{control['region']}: {control['name']}")
     face[FILE] = str(Path(file).resolve())
+    face.data["frame"] = 0.0  # exporters of USD and Alembic write every frame of a mesh of which something moves
+    face.data.driver_add('["frame"]').driver.expression = "frame"
     bpy.context.view_layer.objects.active = face
     face.update_tag()
     bpy.context.view_layer.update()
