@@ -1,6 +1,7 @@
 """An approximation as one ONNX model: runtimes, that of the web too, give Python's vertices, rigid ones as well."""
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -20,6 +21,8 @@ from untrained_models import MESH, MODELS, SCALE, SEGMENTS, coarse_model, linear
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.rigid import attach
 from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
+from replicate.deployment.onnx_graph import IR_VERSION, OPSET
 from replicate.deployment.onnx_model import onnx_model
 
 WEB_PROGRAM = Path(__file__).with_name("posed_on_web.mjs")
@@ -63,6 +66,14 @@ def test_every_operator_and_the_opset_are_among_those_that_unity_imports(kind):
         assert opset.domain == "" and int(first) <= opset.version <= int(last)
         assert {node.op_type for node in written.graph.node} <= {name for line in names for name in line}
         onnx.checker.check_model(written, full_check=True)
+
+
+def test_the_page_on_engines_names_every_operator_and_only_these():
+    page = (ROOT / "ENGINES.md").read_text("utf-8")
+    listed = re.search(r"All models together use ([\w\s]+)\.", page)[1].split()
+    models = [onnx_model(make(), MESH, ATTACHMENTS, half=True) for make in MODELS.values()]
+    assert sorted({node.op_type for model in models for node in model.graph.node}) == listed
+    assert f"Opset {OPSET}, IR {IR_VERSION}" in page
 
 
 @pytest.fixture
