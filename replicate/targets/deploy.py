@@ -1,6 +1,7 @@
 """Write a character's models for use elsewhere: an ONNX file for each method, the mesh as GLB, our method as C99."""
 
 import argparse
+import json
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from replicate.cli.running import make, plan_with_trained
 from replicate.cli.target_list import targets
 from replicate.config import Config
 from replicate.deployment.c_face import TEMPLATES, CFace, c_files
-from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_model, in_words
+from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_face, about_model, in_words
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.engine.store import read_manifest
 from replicate.export.files import glb, posed_parts
@@ -160,7 +161,10 @@ def write(context: StageContext) -> None:
     """
     settings, stem = context.config, f"deploy_{context.config.character}"
     face = _face(context)
-    notes = {f"{stem}.glb": "the neutral mesh, in metres, with texture coordinates"}
+    notes = {
+        f"{stem}.glb": "the neutral mesh, in metres, with texture coordinates",
+        f"{stem}.json": "controls with their limits, units and axes, where a program can't read them in the models",
+    }
     with context.progress(len(settings.methods), "models") as bar:
         for method in settings.methods:
             folder = measurement.error_folders(context.inputs)[method.name]
@@ -174,6 +178,8 @@ def write(context: StageContext) -> None:
     head = posed_parts(face.rig, face.rig.default)[0]
     about = {"character": settings.character, "made_by": face.facts.made_by}
     (context.out / f"{stem}.glb").write_bytes(glb([head], about))
+    text = json.dumps(about_face(face.facts), indent=1) + "\n"
+    (context.out / f"{stem}.json").write_text(text, encoding="utf-8")
     context.note(files=notes)
 
 
@@ -187,7 +193,7 @@ def _face(context: StageContext) -> DeployedFace:
     )
     rigid = [names[k] for k in attachments.segment]
     of_file = np.asarray(getattr(rig, "file_vertices", ())).tolist()
-    facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by, of_file)
+    facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by, len(rig.mesh.neutral), of_file)
     params = drawn_poses(rig.controls, POSES, context.rng("checks"))
     return DeployedFace(rig, attachments, facts, params, context.inputs)
 

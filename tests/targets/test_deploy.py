@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,6 +12,7 @@ import onnx
 import pytest
 import trimesh
 from c_compiler import library, posed_by
+from onnxruntime_web import onnxruntime_web
 from posed_face import PosedRig, posed_face
 from small_artefacts import run_stage, write_artefacts
 from untrained_models import MESH, coarse_model
@@ -69,7 +71,7 @@ def wanted(inputs, name, params):
 def test_every_file_is_there_and_said_what_it_is(deployed):
     folder, notes = deployed
     models = [f"deploy_small_{name}{ending}.onnx" for name in MODELS for ending in ("", "_float16")]
-    files = {"deploy_small.c", "deploy_small.h", "deploy_small.glb", *models}
+    files = {f"deploy_small.{ending}" for ending in ("c", "h", "glb", "json")} | {*models}
     assert {file.name for file in folder.iterdir()} == files == set(notes["files"])
     assert re.fullmatch(r"Coarse, float32; \d\.\d MB, within \de-0[5-7] mm of Python", notes["files"][models[0]])
 
@@ -93,6 +95,15 @@ def test_models_give_pythons_vertices_and_say_names_units_limits_and_errors(depl
         assert "not clamped" in about["out_of_range"] and "millimetres" in about["vertices"]
         assert float(about["largest_difference_mm"]) < 1e-3 and "make deploy CHARACTERS=small" in about["made_by"]
         assert f"{errors['distance_mm']['mean']:.2g} mm off" in model.graph.doc_string
+
+
+def test_what_all_models_share_lies_beside_them_as_json(deployed):
+    facts = json.loads((deployed[0] / "deploy_small.json").read_text("utf-8"))
+    about = {entry.key: entry.value for entry in onnx.load(deployed[0] / "deploy_small_coarse.onnx").metadata_props}
+    assert facts["controls"] == json.loads(about["controls"]) and facts["segments"] == ["face", "neck", "tooth"]
+    assert facts["poses"] == about["poses"] == "any number of poses at once, none too"
+    assert facts["vertices"] == about["vertices"] and "millimetres" in facts["vertices"]
+    assert facts["vertex_count"] == len(MESH.neutral)
 
 
 def test_the_c_file_gives_pythons_vertices(deployed, inputs, tmp_path):
@@ -141,6 +152,23 @@ def test_the_example_refuses_bad_words_in_a_sentence(deployed, tmp_path, words, 
     refused = example(tmp_path, *((deployed[0] / "deploy_small_coarse.onnx", *words) if words else ()))
     assert refused.returncode == 2 and sentence in refused.stderr and "Traceback" not in refused.stderr
     assert not (tmp_path / "vertices.txt").exists()
+
+
+def test_the_example_for_the_web_poses_the_face_and_refuses_bad_words_in_a_sentence(deployed, inputs, tmp_path):
+    (tmp_path / "node_modules").symlink_to(onnxruntime_web().parent)
+    shutil.copy(ROOT / "examples" / "pose_web.mjs", tmp_path)
+    files = [deployed[0] / "deploy_small.json", deployed[0] / "deploy_small_regional_float16.onnx"]
+
+    def run(*words):
+        return subprocess.run(["node", "pose_web.mjs", *words], cwd=tmp_path, capture_output=True, text=True)
+
+    done, params = run(*files, "c0=1.5", "c7=-0.5"), np.zeros((1, 12), np.float32)
+    params[0, [0, 7]] = 1.5, -0.5
+    np.testing.assert_allclose(np.loadtxt(done.stdout.splitlines()), wanted(inputs, "regional", params)[0], atol=1e-3)
+    for words in ((), (*files, "nose=1"), (*files, "c1"), (*files, "c1=abc"), (*files, "c1=")):
+        refused = run(*words)
+        assert refused.returncode == 2 and not refused.stdout and refused.stderr.count("\n") == 1
+        assert "expected a JSON file, a model" in refused.stderr or "expected control=number" in refused.stderr
 
 
 def test_a_model_that_is_off_is_not_written(inputs, tmp_path, monkeypatch):

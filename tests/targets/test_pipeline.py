@@ -263,7 +263,7 @@ def test_every_method_with_a_model_leaves_the_suite_and_nothing_is_trained_for_i
     names = [name for name, method in SHOWN.items() if method.model]
     models = {f"deploy_tiny_{name}{precision}.onnx" for name in names for precision in ("", "_float16")}
     files = {file.name for file in (folder / "results" / "quick").glob("deploy_*")}
-    assert len(names) >= 10 and files == models | {f"deploy_tiny.{ending}" for ending in ("c", "h", "glb")}
+    assert len(names) >= 10 and files == models | {f"deploy_tiny.{ending}" for ending in ("c", "h", "glb", "json")}
 
 
 def test_kill_9_at_ten_random_moments_changes_no_digit(short, tmp_path):
