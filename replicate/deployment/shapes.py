@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import singledispatch
+from functools import cached_property, singledispatch
 from itertools import groupby, product
 
 import numpy as np
@@ -91,12 +91,17 @@ class ShapedFace:
     def posed(self, weights: Float[np.ndarray, "b s"]) -> Float32[np.ndarray, "b n 3"]:
         """Return the vertices, mm, that weights make of the neutral mesh."""
         out, start = np.repeat(self.mesh.neutral[None].astype(np.float32), len(weights), axis=0), 0
-        for vertices, alike in together(self.shapes):
-            offsets = np.stack([shape.offsets for shape in alike]).reshape(len(alike), -1)
-            share = np.asarray(weights[:, start : start + len(alike)], np.float32)
+        for vertices, offsets in self._groups:
+            share = np.asarray(weights[:, start : start + len(offsets)], np.float32)
             out[:, vertices] += (share @ offsets).reshape(len(share), -1, 3)
-            start += len(alike)
+            start += len(offsets)
         return out
+
+    @cached_property
+    def _groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The vertices (v,) and the offsets (k, 3v) of shapes that follow each other and move the same vertices."""
+        pairs = ((vertices, np.stack([each.offsets for each in alike])) for vertices, alike in together(self.shapes))
+        return [(vertices, offsets.reshape(len(offsets), -1)) for vertices, offsets in pairs]
 
 
 def together(shapes: Sequence[Shape]) -> Iterator[tuple[np.ndarray, list[Shape]]]:
