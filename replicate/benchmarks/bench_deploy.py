@@ -38,8 +38,8 @@ from replicate.benchmarks.common import (
 )
 from replicate.config import Config
 from replicate.deployment.c_face import CFace, c_files
-from replicate.deployment.onnx_model import onnx_model
-from replicate.deployment.shapes import add_targets, shaped_face, weights_model
+from replicate.deployment.onnx_model import largest_distance, onnx_model
+from replicate.deployment.shapes import add_targets, shaped_face, weights_by_onnx, weights_model
 from replicate.export.files import glb, posed_parts
 from replicate.methods import artefacts
 from replicate.methods.attachment import placing_attachments
@@ -50,9 +50,9 @@ from replicate.methods.trained import FOLDER, TrainedPlan, entries, plan_for, po
 from replicate.regional.model import RegionalModel
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
-from replicate.timing.backends import run_by_onnx
+from replicate.timing.backends import Evaluate, run_by_onnx
 from replicate.timing.machine import confined
-from replicate.timing.single_poses import Evaluate, Way, time_single_poses
+from replicate.timing.single_poses import Way, time_single_poses
 
 ABOUT = "size, milliseconds a pose and errors of what leaves the suite: ONNX, C99, and shapes with their weights"
 WRITES = "results/runs/bench/bench_deploy.csv"
@@ -99,8 +99,8 @@ def measure(config: Config, named: Sequence[str], evaluations: int) -> list[Row]
                     ("pose", "ms", times[name].p05, times[name].evaluations),
                     ("pose_median", "ms", times[name].median, times[name].evaluations),
                     ("times_as_long_as_onnx", "ratio", times[name].p05 / times[ONNX].p05, times[name].evaluations),
-                    ("largest_difference", "mm", np.linalg.norm(found - own, axis=-1).max(), len(poses)),
-                    ("vertex_error", "mm", np.linalg.norm(found - truth, axis=-1).mean(), len(poses)),
+                    ("largest_difference", "mm", largest_distance(found, own), len(poses)),
+                    ("vertex_error", "mm", float(np.linalg.norm(found - truth, axis=-1).mean()), len(poses)),
                 )
                 character = character_label(config.character)
                 rows += [
@@ -175,7 +175,7 @@ def _by_shapes(model: Model, rig: Rig, attachments: Attachments) -> Form:
     face = shaped_face(model, rig.mesh, attachments, rig.controls)
     written = weights_model(face).SerializeToString()
     mesh = glb([posed_parts(rig, rig.default)[0]], {}, partial(add_targets, face))
-    weights = run_by_onnx(written)
+    weights = weights_by_onnx(written)
     return Form(len(written) + len(mesh), lambda params: face.posed(weights(params)))
 
 

@@ -15,7 +15,7 @@ shape, `rest`, whose weight is always 1, and what the rigid segments make of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
@@ -184,12 +184,17 @@ def weights_model(face: ShapedFace, about: Mapping[str, str] | None = None, word
 
 def found_weights(model: onnx.ModelProto, params: Float32[np.ndarray, "b m"]) -> Float32[np.ndarray, "b s"]:
     """Return the weights that onnxruntime gives for a model, on the CPU and one thread."""
+    return weights_by_onnx(model.SerializeToString())(params)
+
+
+def weights_by_onnx(written: bytes) -> Callable[[np.ndarray], np.ndarray]:
+    """Return parameters (b, m) float32 → weights (b, s) float32 of an ONNX file, by onnxruntime on one thread."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.log_severity_level = 1, 3
-    session = onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
-    return session.run([WEIGHTS], {PARAMETERS: params})[0]
+    options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = 1, 1, 3
+    session = onnxruntime.InferenceSession(written, options, providers=["CPUExecutionProvider"])
+    return lambda params: session.run([WEIGHTS], {PARAMETERS: params})[0]
 
 
 # What gives the weights: networks, and the rigid step.
