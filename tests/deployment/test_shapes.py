@@ -13,11 +13,14 @@ from posed_face import PosedRig, posed_face, regional_model
 from small_face import M
 from untrained_models import MESH, MODELS, SCALE
 
+from replicate.approximation.model import SegmentedModel
 from replicate.approximation.rigid import Attachments, attach
+from replicate.approximation.segments import Segment
 from replicate.base.exceptions import InputError
 from replicate.baselines.line import line_model
 from replicate.deployment.shapes import REST, add_targets, found_weights, shaped_face, weights_model
 from replicate.export.files import glb, posed_parts
+from replicate.methods import pca
 from replicate.regional.model import RegionalModel
 
 ATTACHMENTS, CONTROLS = posed_face().attachments, PosedRig.controls
@@ -123,6 +126,17 @@ def test_a_rigid_segment_is_moved_by_twelve_shapes_and_by_no_other():
     movers = [shape.name for shape in face.shapes if np.isin(TOOTH, shape.vertices).any()]
     turns = [f"tooth_turn_{i}{j}" for i in "xyz" for j in "xyz"]
     assert movers == [*turns, *(f"tooth_shift_{j}" for j in "xyz")] == face.names[-12:]
+
+
+def test_what_a_network_says_of_rigid_segments_is_left_out():
+    vertices = np.arange(len(MESH.neutral), dtype=np.int32)
+    torch.manual_seed(4)
+    basis, mean = torch.randn(7, 3 * len(vertices)), torch.randn(3 * len(vertices))
+    whole = Segment("mesh", vertices, np.zeros((len(vertices), 2), np.float32), np.arange(M, dtype=np.int32))
+    model = SegmentedModel([pca.make_network(M, basis, mean, (16,), 0.2)], [whole], SCALE, [1.0], len(vertices))
+    face = shaped_face(model, MESH, ATTACHMENTS, CONTROLS)
+    assert furthest(face.posed(found_weights(weights_model(face), POSES)), wanted(model, POSES)) < 1e-3
+    assert sum(np.isin(TOOTH, shape.vertices).any() for shape in face.shapes) == 12
 
 
 def test_shapes_of_a_region_move_its_vertices_alone_and_come_in_its_order():
