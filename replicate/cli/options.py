@@ -61,6 +61,10 @@ OPTIONS = {
         "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second; "
         "or a .json that the posing page saved",
     },
+    "form": {
+        "default": "vertices",
+        "help": "what models give: vertices (default), or the weights of shapes, which are morph targets of a GLB",
+    },
     "onto": {
         "nargs": "+",
         "default": [],

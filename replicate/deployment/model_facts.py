@@ -12,6 +12,10 @@ VERTICES = (
     "millimetres, x to the character's left, y up, z forward, in the order of the vertices in the GLB beside this file"
 )
 POSES = "any number of poses at once, none too"
+OF_SHAPES = (
+    "those of the mesh in the GLB beside this file, in its order, plus the sum of its morph targets times the weights, "
+    "which come in the order of the targets; metres, x to the character's left, y up, z forward"
+)
 OUT_OF_RANGE = (
     "Parameters beyond lower and upper are not clamped: the model is evaluated there as it is. It was trained on poses "
     "that leave the limits a little (Eq. 5); the further out, the less it is to be trusted."

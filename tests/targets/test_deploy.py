@@ -12,11 +12,13 @@ import onnx
 import pytest
 import trimesh
 from c_compiler import library, posed_by
+from glb_shapes import posed_by_shapes, read_shapes
 from onnxruntime_web import onnxruntime_web
 from posed_face import PosedRig, posed_face
 from small_artefacts import run_stage, write_artefacts
 from untrained_models import MESH, coarse_model
 
+from replicate import __main__ as cli
 from replicate.approximation import cnn
 from replicate.approximation.rigid import attach
 from replicate.base.exceptions import InputError
@@ -117,6 +119,56 @@ def test_the_mesh_is_the_neutral_one_in_metres_with_charts(deployed):
     np.testing.assert_allclose(mesh.vertices, MESH.neutral / 1000, atol=1e-6)
     np.testing.assert_allclose(mesh.visual.uv, MESH.uv, atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, MESH.faces)
+
+
+SHAPED = DeployedMethod("regional", "Regional (ours)", "replicate.methods.regional:load_model", True)
+
+
+@pytest.fixture(scope="module")
+def shapes(inputs, tmp_path_factory):
+    """The folder that the target writes in the form of shapes, and what it notes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("replicate.methods.artefacts.load_rig", lambda _: PosedRig())
+        settings = DeploySettings("small", "quick", 0, (SHAPED,))
+        folders, notes = run_stage(deploy.write_shapes, inputs, "shapes", settings, tmp_path_factory.mktemp("out"))
+    return folders["shapes"], notes
+
+
+def test_shapes_and_their_weights_give_pythons_vertices_and_say_what_they_are(shapes, inputs):
+    folder, notes = shapes
+    assert {file.name for file in folder.iterdir()} == {f"deploy_shapes_small_regional.{e}" for e in ("glb", "onnx")}
+    assert re.fullmatch(r"24 shapes as .*; \d\.\d MB", notes["files"]["deploy_shapes_small_regional.glb"])
+    params = drawn_poses(PosedRig.controls, 100, np.random.default_rng(3))
+    found = posed_by_shapes(folder / "deploy_shapes_small_regional", params)
+    assert largest_distance(found, wanted(inputs, "regional", params)) < 1e-3
+    model = onnx.load(folder / "deploy_shapes_small_regional.onnx")
+    about = {entry.key: entry.value for entry in model.metadata_props}
+    mesh, _, targets = read_shapes((folder / "deploy_shapes_small_regional.glb").read_bytes())
+    assert json.loads(about["shapes"]) == mesh["extras"]["targetNames"] and len(targets) == 24
+    assert "morph targets" in about["vertices"] and about["weights"] == "float16, computed in float32"
+    assert float(about["largest_difference_mm"]) < 1e-3 and len(json.loads(about["controls"])) == 12
+    assert [d.dim_param or d.dim_value for d in model.graph.output[0].type.tensor_type.shape.dim] == ["poses", 24]
+
+
+def test_shapes_that_are_off_are_not_written(inputs, tmp_path, monkeypatch):
+    monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda _: PosedRig())
+    still = lambda model, params: np.zeros((len(params), 24), np.float32)  # noqa: E731
+    monkeypatch.setattr("replicate.deployment.shapes.found_weights", still)
+    with pytest.raises(RuntimeError, match=r"regional as shapes is .* mm off; expected at most 0.0019 mm"):
+        run_stage(deploy.write_shapes, inputs, "deploy", DeploySettings("small", "quick", 0, (SHAPED,)), tmp_path)
+    assert not list((tmp_path / "deploy").iterdir())
+
+
+def test_methods_without_shapes_are_left_out_of_many_and_refused_by_name(capsys):
+    many = (coarse.METHOD, regional.METHOD, neutral_pose.METHOD, linear.METHOD)
+    assert deploy.deployable(many, "all", "shapes") == [regional.METHOD, linear.METHOD]
+    sentence = "method 'coarse' has no shapes: expected regional, pca, linear, morph, pca_line or morph_best, or FORM="
+    with pytest.raises(InputError, match=sentence):
+        deploy.deployable(many, ["coarse,regional"], "shapes")
+    assert cli.main(["deploy", "--form", "shapes", "--methods", "coarse"]) == 2
+    assert capsys.readouterr().err == f"{sentence}vertices\n"
+    assert cli.main(["deploy", "--form", "shape"]) == 2
+    assert capsys.readouterr().err == "form: expected vertices or shapes, got 'shape'\n"
 
 
 def example(folder, *words):
