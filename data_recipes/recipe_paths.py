@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.sampled.face_file import CONTROL_FILE, FACE_FILE, MESH_ENDINGS
+from data_recipes.sampled.shards import CACHE_ENDINGS
 from replicate.base.exceptions import InputError
 from replicate.base.paths import with_home
 from replicate.base.spelling import nothing_named
@@ -43,11 +44,13 @@ def no_character(name: str) -> str:
 def named(character: str) -> str:
     """Return a character's name or path with ~ expanded; for a file of a folder of samples, the folder.
 
-    Such files are its face.toml, its table of controls and its mesh. Raises InputError for the home folder of an
-    unknown user.
+    Such files are its face.toml, its table of controls and its mesh. A point cache stands for the folder that it is in.
+    Raises InputError for the home folder of an unknown user.
     """
     path = str(with_home(character, "CHARACTERS")) if character.startswith("~") else character
     folder, name = os.path.split(os.path.abspath(path))
+    if os.path.splitext(name)[1].lower() in CACHE_ENDINGS and is_file(Path(path)):
+        return folder
     may_stand_alone = name == FACE_FILE or os.path.splitext(name)[1].lower() in SHAPE_ENDINGS
     beside = (Path(folder, other) for other in ((CONTROL_FILE, POSES) if may_stand_alone else (FACE_FILE,)))
     is_its_file = name in (FACE_FILE, CONTROL_FILE) or os.path.splitext(name)[1].lower() in MESH_ENDINGS
