@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 
 from data_recipes.gltf.document import buffer_files
 from data_recipes.gltf.gltf_face import GltfFace, read_gltf
-from data_recipes.sampled.point_caches import is_cache, mesh_of, stated
+from data_recipes.sampled.point_caches import SPOKEN, Spoken, is_cache, mesh_of
 from data_recipes.sampled.polygons import triangulate
 from replicate.base.exceptions import InputError
 from replicate.base.schema import cut, shown
@@ -55,14 +55,14 @@ class NeutralFile:
         return np.flatnonzero(np.bincount(self.faces.ravel(), minlength=len(self.vertices)) == 0)
 
 
-def read_mesh(file: Path, unit: str = "mm", up: str = "y") -> NeutralFile:
+def read_mesh(file: Path, spoken: Spoken = SPOKEN) -> NeutralFile:
     """Return a mesh file's content.
 
-    unit, up: what a USD, which states its own, is converted to; other files are taken to have them.
+    spoken: the unit and axes that a USD, which states its own, is converted to; other files are taken to have them.
     Raises InputError, naming the line or the index, for texts in place of numbers and faces with vertices that don't
     exist.
     """
-    mesh = _read_cache(file, unit, up) if is_cache(file) else READERS[file.suffix.lower()](file)
+    mesh = _read_cache(file, spoken) if is_cache(file) else READERS[file.suffix.lower()](file)
     where = shown_path(file)
     n = len(mesh.vertices)
     if not n or not len(mesh.faces):
@@ -280,9 +280,9 @@ def _read_gltf(file: Path) -> NeutralFile:
     return neutral_of(read_gltf(file))
 
 
-def _read_cache(file: Path, unit: str, up: str) -> NeutralFile:
-    found = mesh_of(file)
-    where, points = shown_path(file), stated(found.vertices, unit, up)
+def _read_cache(file: Path, spoken: Spoken) -> NeutralFile:
+    found = mesh_of(file, spoken)
+    where, points = shown_path(file), found.vertices
     _check_corners(found.polygons, len(points), where)
     mesh = _of_polygons(
         where, points.tolist(), found.uv, found.polygons, found.uv_polygons, found.labels, found.members

@@ -2,7 +2,8 @@
 
 The values are a table, NAME.csv beside NAME.usdc: a header of controls and a row a frame. A folder without `poses` has
 one cache, and its table may be its `controls.csv`. A file that `make export` has written has the values in it.
-A USD states its unit and its axes, and both are converted.
+A USD states its unit and its axes, and both are converted. Alembic states neither: Blender makes a USD of it, numbers
+and all, and `face.toml` says what they are.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -17,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float32, Float64
 
+from data_recipes.exporters.blender_python import through_blender
 from data_recipes.sampled.face_file import (
     CONTROL_FILE,
     FACE_FILE,
@@ -32,10 +35,10 @@ from data_recipes.sampled.face_file import (
 )
 from data_recipes.sampled.shards import CACHE_ENDINGS, FOLDER, MOST_BYTES, Header, Shard, read_shards, shard_files
 from replicate.base.exceptions import InputError
-from replicate.base.schema import cut, shown
-from replicate.base.user_files import is_file, read_text, shown_path
+from replicate.base.schema import cut, naming, shown
+from replicate.base.user_files import is_file, read_bytes, read_text, shown_path
 
-TABLE = ".csv"
+TABLE, ALEMBIC = ".csv", ".abc"
 TIMES = ("frame", "time")  # a first column of a table that names the frames, as the file counts them
 TIME_TOLERANCE = 1e-3
 MOST_FRAMES = 20_000
@@ -49,6 +52,28 @@ SEGMENT, MATERIAL = "segment", "materialBind"  # families of subsets of faces
 def is_cache(file: Path) -> bool:
     """Return whether a file's name is that of a point cache."""
     return file.suffix.lower() in CACHE_ENDINGS
+
+
+def states_unit(file: Path) -> bool:
+    """Return whether a file states its unit and axes, by its name."""
+    return is_cache(file) and file.suffix.lower() != ALEMBIC
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """What a `face.toml` says of a folder's numbers: their unit, the axis that points upwards, frames per second."""
+
+    unit: str = "mm"
+    up: str = "y"
+    rate: float = 24.0
+
+
+SPOKEN = Spoken()
+
+
+def spoken_of(face: FaceFile) -> Spoken:
+    """Return what a `face.toml` says of numbers."""
+    return Spoken(face.unit, face.up, face.frames_per_second)
 
 
 def lone_cache(folder: Path) -> Path | None:
@@ -70,6 +95,9 @@ def face_of(folder: Path) -> FaceFile:
     cache = None if is_file(folder / FACE_FILE) else lone_cache(folder)
     if cache is None:
         return read_face(folder)
+    if not states_unit(cache):
+        said = "write a face.toml with name, unit, up and mesh"
+        raise InputError(f"{shown_path(cache)}: Alembic states no unit and no axes: {said}")
     name = re.sub(r"[^\w-]+", "_", folder.name).strip("_-") or "face"
     return FaceFile(name, "mm", "y", cache.name)
 
@@ -185,7 +213,7 @@ def _number(text: str, decimal_comma: bool, where: str) -> float:
 class CacheMesh:
     """A file's meshes as one, its polygons as they are.
 
-    vertices: at rest, mm, y up, the face towards +z.
+    vertices: at rest.
     uv, uv_polygons: texture coordinates, and those of each polygon's corners, −1 for none.
     labels: group and material of each polygon.
     members: group → its vertices, where the file says so.
@@ -207,8 +235,11 @@ class PointCache:
 
     stage, meshes: as USD has them.
     counts: of the vertices of each mesh.
-    times: of its frames, as the file counts them.
+    times: at which something moves, as the file counts frames; some programs leave out frames in which nothing does.
+    span: the first and the last frame.
     table: the controls in its frames, or None if it says nothing of them.
+    spoken: what its vertices are read in.
+    props: how many meshes are left out, since they are only shown.
     """
 
     file: Path
@@ -216,11 +247,13 @@ class PointCache:
     meshes: tuple[Any, ...]
     counts: tuple[int, ...]
     times: tuple[float, ...]
+    span: tuple[float, float]
     table: FrameTable | None
-    props: int = 0
+    spoken: Spoken
+    props: int
 
     def at(self, time: float | None) -> Float64[np.ndarray, "n 3"]:
-        """Return the vertices at a time, None for those at rest: mm, y up.
+        """Return the vertices at a time, None for those at rest, in the unit and axes of `spoken`.
 
         Raises InputError for a frame with another number of vertices.
         """
@@ -237,40 +270,38 @@ class PointCache:
             matrix = np.array(transforms.GetLocalToWorldTransform(mesh.GetPrim()))
             parts.append(points @ matrix[:3, :3] + matrix[3, :3])
         up = "z" if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else "y"
-        return in_our_axes(np.concatenate(parts), up) * (1000.0 * UsdGeom.GetStageMetersPerUnit(self.stage))
+        metres = in_our_axes(np.concatenate(parts), up) * UsdGeom.GetStageMetersPerUnit(self.stage)
+        if not states_unit(self.file):
+            return metres  # Blender takes its numbers for metres
+        x, y, z = (metres * (1000.0 / MM[self.spoken.unit])).T
+        return np.stack([x, -z, y] if self.spoken.up == "z" else [x, y, z], axis=1)
 
 
-def stated(points: Float[np.ndarray, "*b 3"], unit: str, up: str) -> Float[np.ndarray, "*b 3"]:
-    """Return points, mm with y up, in a unit and axes that a `face.toml` states."""
-    points = points / MM[unit]
-    return np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1) if up == "z" else points
-
-
-def open_cache(file: Path) -> PointCache:
+def open_cache(file: Path, spoken: Spoken = SPOKEN) -> PointCache:
     """Open a point cache; a process reads the same file once.
 
-    Raises InputError, naming the file, where usd-core is missing, and for a file that is damaged, refers to others, has
-    no mesh, or whose faces change.
+    Raises InputError, naming the file, where usd-core (or for Alembic, Blender) is missing, and for a file that is
+    damaged, refers to others, has no mesh, or whose faces change.
     """
     try:
         facts = file.stat()
     except OSError as error:
         raise InputError(f"{shown_path(file)} can't be read ({error.strerror})") from None
-    return _open(file, facts.st_mtime_ns, facts.st_size)
+    return _open(file, spoken, facts.st_mtime_ns, facts.st_size)
 
 
 @lru_cache(maxsize=8)
-def _open(file: Path, _changed: int, _size: int) -> PointCache:
+def _open(file: Path, spoken: Spoken, _changed: int, _size: int) -> PointCache:
     where = shown_path(file)
     if not is_file(file):
         raise InputError(f"{where}: expected a regular file")
     try:
-        from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel
+        from pxr import Tf, Usd, UsdGeom, UsdSkel
     except ImportError:
         sentence = "USD files need the package usd-core, of the extra `usd`: python -m pip install usd-core"
         raise InputError(f"{where}: {sentence}") from None
     try:
-        layer = Sdf.Layer.OpenAsAnonymous(str(file))  # by its name a layer that has changed since would be an old one
+        layer = _layer(file, spoken)
         others = sorted(layer.GetCompositionAssetDependencies()) if layer else []
         if others:
             remedy = "write one file with everything in it, as `usdcat --flatten` does"
@@ -298,8 +329,26 @@ def _open(file: Path, _changed: int, _size: int) -> PointCache:
     for mesh in meshes:
         _check_faces(mesh, where)
     counts = tuple(len(mesh.GetPointsAttr().Get(first) or ()) for mesh in meshes)
-    table = _table_in(stage, times, where)
-    return PointCache(file, stage, tuple(meshes), counts, tuple(times), table, props)
+    span = (times[0], times[-1]) if times else (0.0, 0.0)
+    if times and stage.HasAuthoredTimeCodeRange():
+        span = (min(span[0], stage.GetStartTimeCode()), max(span[1], stage.GetEndTimeCode()))
+    table = _table_in(stage, where)
+    return PointCache(file, stage, tuple(meshes), counts, tuple(times), span, table, spoken, props)
+
+
+def _layer(file: Path, spoken: Spoken) -> Any:
+    """Return a file's content as USD; by its name, a layer that has changed since would be an old one."""
+    from pxr import Sdf
+
+    if states_unit(file):
+        return Sdf.Layer.OpenAsAnonymous(str(file))
+    data = read_bytes(file, MOST_BYTES)
+    with tempfile.TemporaryDirectory() as folder, naming(shown_path(file)):
+        made = Path(folder) / "made.usdc"
+        made.write_bytes(through_blender(data, ALEMBIC, made.suffix, spoken.rate))
+        layer = Sdf.Layer.CreateAnonymous(made.suffix)
+        layer.TransferContent(Sdf.Layer.OpenAsAnonymous(str(made)))
+        return layer
 
 
 def _is_shown(prim: Any) -> bool:
@@ -338,14 +387,15 @@ def _label(prim: Any) -> str:
     return prim.GetDisplayName() or prim.GetName()
 
 
-def _table_in(stage: Any, times: Sequence[float], where: str) -> FrameTable | None:
+def _table_in(stage: Any, where: str) -> FrameTable | None:
     """Return the controls that a file has in it, as `make export` writes them, or None."""
     root = stage.GetDefaultPrim()
     names = root.GetAttribute(f"{CONTROLS}names").Get() if root else None
     if not names:
         return None
     values = root.GetAttribute(f"{CONTROLS}values")
-    rows = [values.Get(time) for time in times] or [values.Get()]
+    times = values.GetTimeSamples()
+    rows = [values.Get(time) for time in times]
     numbers = {key: root.GetAttribute(CONTROLS + key).Get() for key in ("lower", "default", "upper")}
     regions = root.GetAttribute(f"{CONTROLS}regions").Get() or [WITHOUT_REGION] * len(names)
     columns = [*rows, *numbers.values(), regions]
@@ -356,18 +406,20 @@ def _table_in(stage: Any, times: Sequence[float], where: str) -> FrameTable | No
     return FrameTable(
         tuple(names),
         np.array(rows, np.float32).reshape(-1, len(names)),
-        lines=tuple(ControlLine(str(name), *map(float, limits), str(region)) for name, *limits, region in lines),
+        np.array(times, np.float64),
+        tuple(ControlLine(str(name), *map(float, limits), str(region)) for name, *limits, region in lines),
     )
 
 
-def mesh_of(file: Path) -> CacheMesh:
+def mesh_of(file: Path, spoken: Spoken = SPOKEN) -> CacheMesh:
     """Return the mesh of a point cache at rest: with the points that the file states for no time, else the first frame.
 
     Raises InputError as `open_cache` does.
     """
-    cache = open_cache(file)
+    cache = open_cache(file, spoken)
     where, remarks = shown_path(file), []
-    at_rest = all(mesh.GetPointsAttr().Get() is not None for mesh in cache.meshes)
+    at_rest = not cache.times or all(mesh.GetPointsAttr().Get() is not None for mesh in cache.meshes)
+    at_rest &= not cache.times or states_unit(file)  # Alembic has no points at rest
     if not at_rest:
         remarks.append(f"{where}: it states no points at rest: its first frame is taken for the neutral pose")
     if cache.props:
@@ -449,11 +501,11 @@ def _uv_places(mesh: Any, corners: np.ndarray, found: CacheMesh) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CacheShard(Shard):
-    """A point cache as a shard: a clip of its name. unit, up: what its vertices are read in."""
+    """A point cache as a shard: a clip of its name. spoken: what its vertices are read in."""
 
     values: np.ndarray = field(default_factory=lambda: np.empty((0, 0), np.float32))
-    unit: str = "mm"
-    up: str = "y"
+    times: tuple[float, ...] = ()
+    spoken: Spoken = SPOKEN
 
     def read(self, name: str) -> np.ndarray:
         """Return one of its arrays. Raises InputError for a file that is damaged, or has changed since."""
@@ -464,25 +516,25 @@ class CacheShard(Shard):
             return np.full(t, self.files["vertices"].stem)
         if name == "frame":
             return np.arange(t)
-        cache = open_cache(self.files["vertices"])
+        cache = open_cache(self.files["vertices"], self.spoken)
         shape = self.headers["vertices"].shape
-        if (len(cache.times), sum(cache.counts), 3) != shape:
+        if sum(cache.counts) != shape[1] or not cache.times or cache.span[1] < self.times[-1] - TIME_TOLERANCE:
             raise InputError(f"{shown_path(cache.file)}: it has changed since the run was started")
         vertices = np.empty(shape, np.float32)
-        for k, time in enumerate(cache.times):
-            vertices[k] = stated(cache.at(time), self.unit, self.up)
+        for k, time in enumerate(self.times):
+            vertices[k] = cache.at(time)
         return vertices
 
 
 def shards_of(
-    files: Sequence[Path], lines: Sequence[ControlLine], vertices: int | None, unit: str = "mm", up: str = "y"
+    files: Sequence[Path], lines: Sequence[ControlLine], vertices: int | None, spoken: Spoken = SPOKEN
 ) -> tuple[Shard, ...]:
     """Return the shards that files make up, point caches last.
 
     files: as `pose_files` gives them
     lines: the controls
     vertices: how many the mesh has, None for any number
-    unit, up: what vertices of caches are read in
+    spoken: what vertices of caches are read in
 
     Raises InputError, naming the file, for a table that has other controls or other frames, and as `read_shards` does.
     """
@@ -492,32 +544,20 @@ def shards_of(
     found = list(read_shards(others, len(lines), vertices))
     for cache in caches:
         table = next((file for file in tables if file.stem == cache.stem or len(caches) == 1), None)
-        found.append(_cache_shard(cache, table, lines, vertices, unit, up))
+        found.append(_cache_shard(cache, table, lines, vertices, spoken))
     return tuple(found)
 
 
 def _cache_shard(
-    file: Path, table_file: Path | None, lines: Sequence[ControlLine], vertices: int | None, unit: str, up: str
+    file: Path, table_file: Path | None, lines: Sequence[ControlLine], vertices: int | None, spoken: Spoken
 ) -> CacheShard:
-    cache = open_cache(file)
+    cache = open_cache(file, spoken)
     table = cache.table if table_file is None else _read_table(table_file)
     if table is None:
         raise InputError(_without_values(file))
-    where, t, n = shown_path(file), len(cache.times), sum(cache.counts)
-    of_table = where if table_file is None else shown_path(table_file)
-    if not t:
-        raise InputError(f"{where}: expected points that move over time, got a still mesh")
-    if len(table.values) != t:
-        raise InputError(
-            f"{of_table}: expected a row for each of the {t} frames of {file.name}, got {len(table.values)}"
-        )
-    if table.times is not None:
-        off = np.flatnonzero(np.abs(table.times - cache.times) > TIME_TOLERANCE)
-        if len(off):
-            stated_, there = table.times[off[0]], cache.times[off[0]]
-            raise InputError(
-                f"{of_table}: row {off[0] + 1}: expected frame {there:g} as in {file.name}, got {stated_:g}"
-            )
+    where, n = shown_path(file), sum(cache.counts)
+    times = _frames(cache, table, where if table_file is None else shown_path(table_file))
+    t, of_table = len(times), where if table_file is None else shown_path(table_file)
     if vertices is not None and n != vertices:
         raise InputError(f"{where}: expected {vertices} vertices of the mesh, got {n}")
     if 12 * t * n > MOST_BYTES:
@@ -536,4 +576,25 @@ def _cache_shard(
         "frame": Header((t,), np.dtype(np.int64)),
     }
     files = {"vertices": file, "params": table_file or file}
-    return CacheShard(file.name, files, headers, (), values, unit, up)
+    return CacheShard(file.name, files, headers, (), values, times, spoken)
+
+
+def _frames(cache: PointCache, table: FrameTable, where: str) -> tuple[float, ...]:
+    """Return the times of a table's rows: those that it states, or that something moves at, or all whole frames.
+
+    where: the table, for messages.
+    """
+    if not cache.times:
+        raise InputError(f"{shown_path(cache.file)}: expected points that move over time, got a still mesh")
+    (first, last), rows, name = cache.span, len(table.values), cache.file.name
+    if table.times is not None:
+        off = np.flatnonzero(~((table.times >= first - TIME_TOLERANCE) & (table.times <= last + TIME_TOLERANCE)))
+        if len(off):
+            expected = f"expected a frame of {name}, from {first:g} to {last:g}"
+            raise InputError(f"{where}: row {off[0] + 1}: {expected}, got {table.times[off[0]]:g}")
+        return tuple(table.times.tolist())
+    if rows == len(cache.times):
+        return cache.times
+    if rows == int(last - first) + 1:
+        return tuple(first + k for k in range(rows))
+    raise InputError(f"{where}: expected a row for each of the {len(cache.times)} frames of {name}, got {rows}")

@@ -23,7 +23,15 @@ from data_recipes.sampled.face_file import (
     read_influence,
 )
 from data_recipes.sampled.mesh_file import NeutralFile, buffers_of, read_mesh
-from data_recipes.sampled.point_caches import control_file, controls_of, face_of, is_cache, pose_files, shards_of
+from data_recipes.sampled.point_caches import (
+    control_file,
+    controls_of,
+    face_of,
+    pose_files,
+    shards_of,
+    spoken_of,
+    states_unit,
+)
 from data_recipes.sampled.segment_charts import check_segments
 from data_recipes.sampled.shards import FOLDER, Shard
 from replicate.base.exceptions import InputError
@@ -278,11 +286,11 @@ def read_folder(
     face = face_of(folder) if face is None else face
     lines = controls_of(folder)
     file = folder / face.mesh
-    neutral = read_mesh(file, face.unit, face.up)
+    neutral = read_mesh(file, spoken_of(face))
     check_segments(neutral, face.segments, shown_path(file))
     _check_points(face, len(neutral.vertices), folder)
     files = pose_files(folder) if shards is None else shards
-    found = shards_of(files, lines, len(neutral.vertices), face.unit, face.up)
+    found = shards_of(files, lines, len(neutral.vertices), spoken_of(face))
     limits = (np.array([getattr(line, name) for line in lines]) for name in ("lower", "default", "upper"))
     where = shown_path(_shards_folder(folder))
     poses = list_poses(found, where, *limits, least=least)
@@ -322,7 +330,7 @@ def check_size(found: SampleFolder) -> None:
     if not least <= size <= most:
         mesh = found.folder / found.face.mesh
         said = f'{shown_path(found.folder / FACE_FILE)}: with unit = "{found.face.unit}"'
-        said = f"{shown_path(mesh)}: with the unit that it states (metersPerUnit)" if is_cache(mesh) else said
+        said = f"{shown_path(mesh)}: with the unit that it states (metersPerUnit)" if states_unit(mesh) else said
         expected = f"expected {least:g} to {most:g} mm: does it have another unit?"
         raise InputError(f"{said} the mesh is {size:.4g} mm large, {expected}")
 

@@ -28,7 +28,7 @@ from replicate.base.schema import cut, shown
 from replicate.base.user_files import shown_path
 
 FOLDER = "poses"
-CACHE_ENDINGS = (".usd", ".usda", ".usdc")  # of points that move over time: see point_caches.py
+CACHE_ENDINGS = (".usd", ".usda", ".usdc", ".abc")  # of points that move over time: see point_caches.py
 NEEDED, OPTIONAL = ("params", "vertices"), ("clip", "frame", "drawn")
 ARRAYS = (*NEEDED, *OPTIONAL)
 UNFINISHED = ".part"

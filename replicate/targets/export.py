@@ -1,13 +1,15 @@
 """Poses and clips for other programs."""
 
 import argparse
+import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
 
-from data_recipes.catalogue import expression_poses, read_clip
+from data_recipes.catalogue import as_alembic, check_blender, expression_poses, read_clip
 from data_recipes.rig import Rig, frames_per_second
 from replicate.base import paths
 from replicate.base.exceptions import InputError
@@ -34,7 +36,8 @@ def run(options: argparse.Namespace) -> None:
 
 # What `make export` does: choose a pose or a clip of a character by name, and write it to a file.
 
-ENDINGS = (".glb", ".obj", *usd.ENDINGS)
+ALEMBIC = ".abc"
+ENDINGS = (".glb", ".obj", *usd.ENDINGS, ALEMBIC)
 TOLERANCE_MM = 0.05
 LEAST_TOLERANCE_MM = 0.001
 EXACT = 0.0  # the tolerance of a point cache
@@ -79,8 +82,10 @@ class Request:
 def _check_file(file: Path) -> None:
     if file.suffix.lower() not in ENDINGS:
         raise InputError(f"{file}: expected a name that ends in {either(ENDINGS)}")
-    if file.suffix.lower() in usd.ENDINGS:
+    if file.suffix.lower() in (*usd.ENDINGS, ALEMBIC):
         usd.check_usd()
+    if file.suffix.lower() == ALEMBIC:
+        check_blender()
     check_output_file(file)
     if not file.absolute().parent.is_dir():
         raise InputError(f"there is no folder {file.absolute().parent} to write {file.name} to: make it first")
@@ -97,6 +102,8 @@ def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
     about = {"character": rig.name, "pose": name}
     if file.suffix.lower() in usd.ENDINGS:
         return [file], _export_usd(rig, poses, request, file, about)
+    if file.suffix.lower() == ALEMBIC:
+        return _export_alembic(rig, poses, file)
     if len(poses) > 1:
         if file.suffix.lower() == ".obj":
             raise InputError(f"{file} can hold one pose, and {name} has {len(poses)}: name a .glb or .usdc file")
@@ -135,6 +142,21 @@ def _export_usd(rig: Rig, poses: Float32[np.ndarray, "t m"], request: Request, f
     data = made(_usd_parts(rig, rest, moved))
     write_whole(file, data)
     return _summary(poses, tracks, len(data), rate, "blend shapes")
+
+
+def _export_alembic(rig: Rig, poses: Float32[np.ndarray, "t m"], file: Path) -> tuple[list[Path], str]:
+    """Write a head's points in the neutral pose, frame 0, and in poses, and a table of the controls beside them."""
+    poses, rate, table = np.concatenate([rig.default[None], poses]), frames_per_second(rig), file.with_suffix(".csv")
+    (head, *_), (positions, *_) = moving_parts(rig, poses)
+    made = usd.usd([usd.UsdPart(head, rig.mesh, frames=positions)], {}, ".usdc", rate)
+    text = io.StringIO()
+    names = [control.name for control in rig.controls]
+    csv.writer(text, lineterminator="\n").writerows([names, *([repr(float(x)) for x in pose] for pose in poses)])
+    data = as_alembic(made, rate)
+    write_whole(table, text.getvalue().encode())
+    write_whole(file, data)
+    words = f"the head in its neutral pose and in {len(poses) - 1} more, at {rate:g} a second; {len(data) / 1e6:.1f} MB"
+    return [file, table], words
 
 
 def _usd_parts(rig: Rig, parts: list[Part], moved: list[dict]) -> list[usd.UsdPart]:

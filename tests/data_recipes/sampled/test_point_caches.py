@@ -4,10 +4,12 @@ import sys
 
 import numpy as np
 import pytest
-from moving_sheet import moving_sheet
+from moving_sheet import FRAMES, moving_sheet
+from refusal import refusal
 from sample_folders import CONTROLS, NAMES, neutral, obj, vertices_at
 
 from data_recipes import recipe_paths
+from data_recipes.exporters.blender_python import VARIABLE, blender_python
 from data_recipes.sampled.importing import SampledRecipe, import_rig
 from data_recipes.sampled.sample_folder import open_folder, read_folder
 from replicate.base.exceptions import InputError
@@ -152,8 +154,8 @@ def retold(*rows):
 
 OTHER_FRAMES = np.column_stack([np.arange(25), PARAMS])
 FAULTS = {
-    "a row less": (lambda f: table(f / "controls.csv", PARAMS[1:]), r"a row for each of the 25 frames of talk\.usda, got 24"),
-    "other frames": (lambda f: table(f / "controls.csv", OTHER_FRAMES, "frame,a,b,c"), "row 1: expected frame 101 as in"),
+    "a row less": (lambda f: table(f / "controls.csv", PARAMS[1:]), r"a row for each of the 25 frames of .*, got 24"),
+    "other frames": (lambda f: table(f / "controls.csv", OTHER_FRAMES, "frame,a,b,c"), "row 1: expected a frame of"),
     "no table": (lambda f: (f / "controls.csv").unlink(), "nothing says what the controls are in its frames"),
     "a text": (retold("a,b", "1,x"), r"controls\.csv: line 2: b: expected a number, got 'x'"),
     "a short row": (retold("a,b", "1"), "line 2: expected 2 values, got 1"),
@@ -182,6 +184,25 @@ def test_a_cache_that_contradicts_itself_gets_one_sentence(tmp_path, what):
     assert str(folder) in str(error.value) and "\n" not in str(error.value)
 
 
+def test_frames_in_which_nothing_moves_may_be_left_out_of_a_file(tmp_path):
+    def held(stage, mesh):
+        for frame in (104, 105, 106):
+            mesh.GetPointsAttr().Set(mesh.GetPointsAttr().Get(103), frame)
+        mesh.GetPointsAttr().ClearAtTime(104)
+        mesh.GetPointsAttr().ClearAtTime(105)
+        stage.SetStartTimeCode(101)
+        stage.SetEndTimeCode(125)
+
+    cache(tmp_path / "talk.usda", change=held)
+    expected = vertices_at(np.concatenate([PARAMS[:3], PARAMS[[2, 2, 2]], PARAMS[6:]]))
+    table(tmp_path / "controls.csv")
+    found = open_folder(tmp_path)
+    np.testing.assert_allclose(found.shards[0].read("vertices"), expected, atol=1e-3)
+    open_folder.cache_clear()
+    table(tmp_path / "controls.csv", np.column_stack([np.arange(103, 125), PARAMS[2:24]]), "frame," + ",".join(NAMES))
+    np.testing.assert_allclose(open_folder(tmp_path).shards[0].read("vertices"), expected[2:24], atol=1e-3)
+
+
 def test_without_points_at_rest_the_first_frame_is_the_neutral_and_standard_error_says_so(capsys, tmp_path):
     folder = tmp_path / "myface"
     folder.mkdir()
@@ -207,3 +228,55 @@ def test_without_usd_core_a_sentence_says_what_to_install(monkeypatch, tmp_path)
         InputError, match=r"talk\.usda: USD files need the package usd-core, of the extra `usd`: python -m"
     ):
         open_folder(folder)
+
+
+# -- Alembic, through Blender --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def _blender():
+    try:
+        blender_python()
+    except InputError:
+        pytest.skip("needs a Python with bpy, or Blender")
+
+
+@pytest.mark.usefixtures("_blender")
+def test_alembic_keeps_points_and_order_and_is_read_in_the_unit_that_face_toml_says(tmp_path):
+    rig, folder = moving_sheet(), tmp_path / "sheet"
+    (folder / "poses").mkdir(parents=True)
+    files, words = export(rig, Request(clip="talk", to=str(folder / "poses" / "talk.abc")))
+    assert [file.name for file in files] == ["talk.abc", "talk.csv"] and f"in {FRAMES} more" in words
+    files[0].rename(folder / "talk.abc")
+    with pytest.raises(InputError, match=r"talk\.abc: Alembic states no unit and no axes: write a face\.toml"):
+        files[1].rename(folder / "talk.csv")
+        (folder / "poses").rmdir()
+        open_folder(folder)
+    text = 'name = "sheet"\nunit = "m"\nup = "y"\nmesh = "talk.abc"\n'
+    (folder / "face.toml").write_text(text)
+    found = open_folder(folder)
+    np.testing.assert_allclose(found.vertices_mm, rig.mesh.neutral, atol=1e-3)
+    np.testing.assert_array_equal(found.poses.params[1:], rig.clips[0].values)
+    np.testing.assert_allclose(1000 * found.shards[0].read("vertices")[1:], rig(rig.clips[0].values), atol=1e-3)
+    assert sorted(map(tuple, np.sort(found.neutral.faces))) == sorted(map(tuple, np.sort(rig.mesh.faces)))
+    np.testing.assert_allclose(found.neutral.uv[found.neutral.uv_faces], rig.mesh.uv[found.neutral.faces], atol=1e-6)
+    open_folder.cache_clear()
+    (folder / "face.toml").write_text(text.replace('"m"', '"in"'))
+    with pytest.raises(InputError, match='with unit = "in" the mesh is'):
+        open_folder(folder)
+
+
+@pytest.mark.usefixtures("_blender")
+def test_what_is_no_alembic_gets_a_sentence(tmp_path):
+    (tmp_path / "talk.abc").write_bytes(b"Ogawa")
+    (tmp_path / "face.toml").write_text('name = "sheet"\nunit = "m"\nup = "y"\nmesh = "talk.abc"\n')
+    table(tmp_path / "controls.csv")
+    with pytest.raises(InputError, match=r"talk\.abc: (Blender|expected a mesh)"):
+        open_folder(tmp_path)
+
+
+def test_without_blender_a_sentence_says_what_to_install(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv(VARIABLE, "no_such_blender")
+    sentence = refusal(capsys, "export", "--characters", "tiny", "--to", str(tmp_path / "face.abc"))
+    assert "usd-core" in sentence or VARIABLE in sentence
+    assert not list(tmp_path.iterdir())
