@@ -74,8 +74,8 @@ OPTIONS = {
     },
     "to": {
         "metavar": "FILE",
-        "help": "the .glb, .usd, .usda or .usdc (metres) or, for a pose, .obj (mm) to write (default: a .glb in "
-        "results/runs/export); USD needs the extra `usd`",
+        "help": "the .glb, .usd, .usda, .usdc or .abc (metres) or, for a pose, .obj (mm) to write (default: a .glb in "
+        "results/runs/export); USD needs the extra `usd`, and Alembic bpy or Blender as well",
     },
     "tolerance": {
         "type": float,
