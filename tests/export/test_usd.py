@@ -24,7 +24,7 @@ def opened(file):
 
 @pytest.fixture(autouse=True)
 def _library(request):
-    if "without" not in request.node.name:
+    if "without_usd_core" not in request.node.name and "without_blender" not in request.node.name:
         pytest.importorskip("pxr.UsdSkel", reason="needs usd-core")
 
 
