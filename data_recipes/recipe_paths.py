@@ -152,13 +152,17 @@ def in_command(character: str) -> str:
 def recipe_file(character: str) -> Path:
     """Return the file of a character's recipe, given its name or the path of a `.toml` file.
 
-    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, for a face of shapes
-    the glTF or the folder itself.
+    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, or its only point cache,
+    for a face of shapes the glTF or the folder itself. Raises InputError for several caches without a face.toml.
     """
     if place := shape_file(character):
         return place
     if folder := sample_folder(character):
-        return folder / FACE_FILE
+        if _is_there(folder / FACE_FILE):
+            return folder / FACE_FILE
+        from data_recipes.sampled.point_caches import lone_cache
+
+        return lone_cache(folder) or folder / FACE_FILE
     name, _ = split_character(character)
     if name.endswith(".toml"):
         return Path(os.path.abspath(name))

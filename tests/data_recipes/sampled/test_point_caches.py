@@ -13,6 +13,7 @@ from data_recipes.exporters.blender_python import VARIABLE, blender_python
 from data_recipes.sampled.importing import SampledRecipe, import_rig
 from data_recipes.sampled.sample_folder import open_folder, read_folder
 from replicate.base.exceptions import InputError
+from replicate.config import resolve
 from replicate.targets.export import Request, export
 
 
@@ -95,6 +96,7 @@ def test_a_cache_and_a_table_are_a_folder_in_any_unit_and_axes(tmp_path, metres,
     table(folder / "controls.csv", np.column_stack([np.arange(101, 126), PARAMS]), "frame," + ",".join(NAMES))
     place = recipe_paths.named(str(folder / "talk.usda"))
     assert place == str(folder) == recipe_paths.absolute(place) and recipe_paths.character_label(place) == "myface"
+    assert recipe_paths.recipe_file(place) == folder / "talk.usda" and resolve(place, "quick").character == place
     found = open_folder(folder)
     np.testing.assert_allclose(found.vertices_mm, neutral(), atol=1e-3)
     np.testing.assert_allclose(found.shards[0].read("vertices"), vertices_at(PARAMS), atol=1e-3)
