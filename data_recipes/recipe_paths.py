@@ -152,8 +152,8 @@ def in_command(character: str) -> str:
 def recipe_file(character: str) -> Path:
     """Return the file of a character's recipe, given its name or the path of a `.toml` file.
 
-    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, or its only point cache,
-    for a face of shapes the glTF or the folder itself. Raises InputError for several caches without a face.toml.
+    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, or its only point
+    cache, for a face of shapes the glTF or the folder itself. Raises InputError for several caches without a face.toml.
     """
     if place := shape_file(character):
         return place
