@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,13 +81,16 @@ class ControlTrack:
     values: Float[np.ndarray, "t m"]
 
 
+def has_usd() -> bool:
+    """Return whether the package usd-core is installed."""
+    return find_spec("pxr") is not None
+
+
 def check_usd() -> None:
     """Raise InputError where the package usd-core is missing."""
-    try:
-        import pxr  # noqa: F401
-    except ImportError:
+    if not has_usd():
         sentence = "USD files need the package usd-core, of the extra `usd`: python -m pip install usd-core"
-        raise InputError(sentence) from None
+        raise InputError(sentence)
 
 
 def shaped_usd(

@@ -31,6 +31,7 @@ from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.engine.store import read_manifest
 from replicate.export.files import glb, posed_parts
+from replicate.export.usd import BlendShape, has_usd, shaped_usd
 from replicate.methods import artefacts, measurement, regional
 from replicate.methods.measurement import vertices_of
 from replicate.methods.method import Method
@@ -60,7 +61,8 @@ def stages(plan: Plan, methods: Sequence[Method] = (), form: str = VERTICES) -> 
         stage.title: stage for stage in (artefacts.rig_stage(plan), artefacts.rigid_stage(plan), *slow, *measured)
     }
     written = tuple(DeployedMethod(m.name, m.label, reference(m.model), m.rigid_step) for m in methods)
-    settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written, origin(plan))
+    usd = form == SHAPES and has_usd()
+    settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written, origin(plan), usd)
     function, files = (write, TEMPLATES) if form == VERTICES else (write_shapes, ())
     functions = ", ".join(dict.fromkeys([reference(function), *(method.model for method in written)]))
     return [*inputs.values(), plan.stage(OUTPUT[form], functions, settings, *inputs.values(), files=files)]
@@ -147,7 +149,9 @@ class DeployedMethod:
 class DeploySettings:
     """The settings of a character's models.
 
-    seed: the seed that the test poses are drawn with, too. origin: where the models come from, if not from this run.
+    seed: the seed that the test poses are drawn with, too
+    origin: where the models come from, if not from this run
+    usd: whether shapes are written as USD too
     """
 
     character: str
@@ -155,6 +159,7 @@ class DeploySettings:
     seed: int
     methods: tuple[DeployedMethod, ...]
     origin: str = ""
+    usd: bool = False
 
 
 # The files of one character: each method's model as ONNX in two precisions, the mesh as GLB, our method as C99.
@@ -255,7 +260,7 @@ def _models(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[
 
 
 def write_shapes(context: StageContext) -> None:
-    """Write each method of one character as shapes: an ONNX file gives their weights, and a GLB has them.
+    """Write each method of one character as shapes: an ONNX file gives their weights, and a GLB and a USD have them.
 
     Raises RuntimeError if the two together, in float32, give other vertices than Python.
     """
@@ -264,15 +269,18 @@ def write_shapes(context: StageContext) -> None:
     with context.progress(len(settings.methods), "models") as bar:
         for method in settings.methods:
             errors = measurement.load_errors(measurement.error_folders(context.inputs)[method.name])
-            for ending, data, text in _shapes(face, method, errors):
+            for ending, data, text in _shapes(face, method, errors, settings.usd):
                 (context.out / f"{stem}_{method.name}.{ending}").write_bytes(data)
                 notes[f"{stem}_{method.name}.{ending}"] = text
             bar.update(1)
     context.note(files=notes)
 
 
-def _shapes(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[tuple[str, bytes, str]]:
-    """Return (ending, bytes, description) of a method's two files. errors: the method's, on held-out poses."""
+def _shapes(face: DeployedFace, method: DeployedMethod, errors: Errors, as_usd: bool) -> list[tuple[str, bytes, str]]:
+    """Return (ending, bytes, description) of a method's files.
+
+    errors: the method's, on held-out poses. as_usd: whether one of them is a USD.
+    """
     import onnx
 
     from replicate.deployment.onnx_model import largest_distance
@@ -290,7 +298,7 @@ def _shapes(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[
     if not off < allowed:
         raise RuntimeError(f"{method.name} as shapes is {off:.2g} mm off; expected at most {allowed:.2g} mm")
 
-    # the two files, which say what they are
+    # the files, which say what they are
     about = about_model(face.facts, method.name, method.title, errors, shaped.has_halves)
     about |= {"vertices": model_facts.OF_SHAPES, "shapes": json.dumps(shaped.names)}
     about |= {"largest_difference_mm": f"{off:.2g}"}  # of vertices from Python's, as for other models
@@ -301,8 +309,13 @@ def _shapes(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[
     shapes = glb([head], in_file, partial(add_targets, shaped))
     count = f"{len(shaped.shapes):,} shapes as morph targets of the neutral mesh"
     within = f"with the GLB within {off:.1g} mm of Python"
+    files = [("glb", shapes, f"{count}; {len(shapes) / 1e6:.1f} MB")]
+    if as_usd:
+        blend = [BlendShape(shape.name, shape.offsets, shape.vertices) for shape in shaped.shapes]
+        whole = shaped_usd(head, mesh, blend, in_file, weights=shaped.at_rest[None])
+        files.append(("usdc", whole, f"the same shapes as blend shapes of UsdSkel; {len(whole) / 1e6:.1f} MB"))
     return [
-        ("glb", shapes, f"{count}; {len(shapes) / 1e6:.1f} MB"),
+        *files,
         ("onnx", network, f"{method.title}, the shapes' weights; {len(network) / 1e6:.1f} MB, {within}"),
     ]
 

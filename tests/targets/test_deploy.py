@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 import trimesh
 from c_compiler import library, posed_by
@@ -148,6 +149,33 @@ def test_shapes_and_their_weights_give_pythons_vertices_and_say_what_they_are(sh
     assert "morph targets" in about["vertices"] and about["weights"] == "float16, computed in float32"
     assert float(about["largest_difference_mm"]) < 1e-3 and len(json.loads(about["controls"])) == 12
     assert [d.dim_param or d.dim_value for d in model.graph.output[0].type.tensor_type.shape.dim] == ["poses", 24]
+
+
+def test_the_same_shapes_are_blend_shapes_of_a_usd_where_usd_core_is(inputs, tmp_path, monkeypatch):
+    pytest.importorskip("pxr", reason="needs usd-core")
+    from pxr import Usd, UsdGeom, UsdSkel
+
+    settings = DeploySettings("small", "quick", 0, (SHAPED,), usd=True)
+    monkeypatch.setattr(artefacts, "load_rig", lambda inputs: PosedRig())
+    folders, notes = run_stage(deploy.write_shapes, inputs, "shapes", settings, tmp_path)
+    stem = folders["shapes"] / "deploy_shapes_small_regional"
+    assert "UsdSkel" in notes["files"][f"{stem.name}.usdc"]
+    stage = Usd.Stage.Open(f"{stem}.usdc")
+    prims = list(stage.Traverse())
+    (mesh,) = (UsdGeom.Mesh(prim) for prim in prims if prim.IsA(UsdGeom.Mesh))
+    shapes = [UsdSkel.BlendShape(prim) for prim in prims if prim.IsA(UsdSkel.BlendShape)]
+    names = list(UsdSkel.BindingAPI(mesh.GetPrim()).GetBlendShapesAttr().Get())
+    by_name = dict(zip(names, shapes, strict=True))
+    metres = np.asarray(mesh.GetPointsAttr().Get())
+    params = drawn_poses(PosedRig.controls, 20, np.random.default_rng(4))
+    session = onnxruntime.InferenceSession(f"{stem}.onnx", providers=["CPUExecutionProvider"])
+    (weights,) = session.run(["weights"], {"parameters": params})
+    posed = np.repeat(metres[None], len(params), axis=0)
+    for weight, shape in zip(weights.T, by_name.values(), strict=True):
+        rows = shape.GetPointIndicesAttr().Get()
+        rows = slice(None) if not rows else np.asarray(rows)
+        posed[:, rows] += weight[:, None, None] * np.asarray(shape.GetOffsetsAttr().Get())
+    assert largest_distance(posed * 1000, wanted(inputs, "regional", params)) < 1e-3
 
 
 def test_shapes_that_are_off_are_not_written(inputs, tmp_path, monkeypatch):
