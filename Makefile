@@ -26,6 +26,7 @@ ONTO       ?=
 TO         ?=
 TOLERANCE  ?=
 ONLY       ?=
+FORM       ?=
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c '$(RECENT)' 2>/dev/null && echo $$p && exit; done; echo python3)
@@ -56,7 +57,7 @@ BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(ABOUT))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX ADD_SEEDS POSE CLIP PARAMS TO \
-	TOLERANCE LANDMARKS ONTO ONLY DETAILS ALL
+	TOLERANCE LANDMARKS ONTO ONLY FORM DETAILS ALL
 SWITCHES := LATEX ADD_SEEDS DETAILS ALL
 option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHES),$(1)),, '$(subst ','\'',$($(1)))'))
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
@@ -97,6 +98,7 @@ help: ## print this help
 	@echo "  LANDMARKS=      for capture: a recording of an actor's face, as \`python -m replicate capture --help\` says"
 	@echo "  ONTO=           for figure13: other characters whose faces the networks move as well"
 	@echo "  ONLY='a|b'      some of a benchmark's trainings, as \`python -m replicate.benchmarks.bench_training --help\` says"
+	@echo "  FORM=           for deploy: vertices (default), or shapes and a network to their weights, as engines have them"
 	@echo "  ADD_SEEDS=1     \`make reference\` adds a run's seeds to those that are committed"
 	@echo "  LATEX=1         \`make compare\` and \`make claims\` in LaTeX"
 	@echo "  DETAILS=1       \`make status\` with a line for every artefact, its hash and its state"

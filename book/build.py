@@ -15,7 +15,7 @@ from sphinx.cmd.build import build_main
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("replicate", "data_recipes")
-PAGES = ("README", "RESULTS", "REPRODUCING", "DEVIATIONS", "CONTRIBUTING", "CHANGELOG")
+PAGES = ("README", "RESULTS", "REPRODUCING", "ENGINES", "DEVIATIONS", "CONTRIBUTING", "CHANGELOG")
 FOLDERS = (*PACKAGES, "book", "course", "examples", "notebooks", "results", "tests")
 COPIED = (*(f"{page}.md" for page in PAGES), "CITATION.cff", "Dockerfile", "LICENSE", *FOLDERS)
 

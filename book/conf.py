@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT))
 
 # The navigation: captions, and under each its pages.
 NAVIGATION = {
-    "": ("RESULTS", "REPRODUCING", "DEVIATIONS", "CONTRIBUTING", "CHANGELOG"),
+    "": ("RESULTS", "REPRODUCING", "ENGINES", "DEVIATIONS", "CONTRIBUTING", "CHANGELOG"),
     "A course": ("course/README", "course/LECTURERS"),
     "Notebooks": ("notebooks/README",),  # whose own list is the order of reading
     "Rigs and files": ("data_recipes/README", "results/README"),

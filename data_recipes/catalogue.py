@@ -41,9 +41,11 @@ AnyRecipe: TypeAlias = Recipe | FaceKitRecipe | ShapeRecipe
 __all__ = [
     "FACE_LANDMARKS",
     "arkit_parts",
+    "as_alembic",
     "build_from_parts",
     "build_rig",
     "character_parts",
+    "check_blender",
     "check_empty",
     "control_count",
     "control_names",
@@ -322,3 +324,17 @@ def write_rigify_samples(folder: Path, character: str, poses: int, jobs: int, na
     from data_recipes.rigify.rigify_face import write_folder
 
     write_folder(folder, character, poses, 0, jobs, name)
+
+
+def check_blender() -> None:
+    """Raise InputError where neither bpy nor Blender is installed."""
+    from data_recipes.exporters.blender_python import blender_python
+
+    blender_python()
+
+
+def as_alembic(usd: bytes, frames_per_second: float) -> bytes:
+    """Return a binary USD as Alembic. Raises InputError where neither bpy nor Blender is installed."""
+    from data_recipes.exporters.blender_python import through_blender
+
+    return through_blender(usd, ".usdc", ".abc", frames_per_second)

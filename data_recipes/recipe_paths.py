@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.sampled.face_file import CONTROL_FILE, FACE_FILE, MESH_ENDINGS
+from data_recipes.sampled.shards import CACHE_ENDINGS
 from replicate.base.exceptions import InputError
 from replicate.base.paths import with_home
 from replicate.base.spelling import nothing_named
@@ -43,11 +44,13 @@ def no_character(name: str) -> str:
 def named(character: str) -> str:
     """Return a character's name or path with ~ expanded; for a file of a folder of samples, the folder.
 
-    Such files are its face.toml, its table of controls and its mesh. Raises InputError for the home folder of an
-    unknown user.
+    Such files are its face.toml, its table of controls and its mesh. A point cache stands for the folder that it is in.
+    Raises InputError for the home folder of an unknown user.
     """
     path = str(with_home(character, "CHARACTERS")) if character.startswith("~") else character
     folder, name = os.path.split(os.path.abspath(path))
+    if os.path.splitext(name)[1].lower() in CACHE_ENDINGS and is_file(Path(path)):
+        return folder
     may_stand_alone = name == FACE_FILE or os.path.splitext(name)[1].lower() in SHAPE_ENDINGS
     beside = (Path(folder, other) for other in ((CONTROL_FILE, POSES) if may_stand_alone else (FACE_FILE,)))
     is_its_file = name in (FACE_FILE, CONTROL_FILE) or os.path.splitext(name)[1].lower() in MESH_ENDINGS
@@ -149,13 +152,17 @@ def in_command(character: str) -> str:
 def recipe_file(character: str) -> Path:
     """Return the file of a character's recipe, given its name or the path of a `.toml` file.
 
-    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it, for a face of shapes
-    the glTF or the folder itself.
+    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it or its only point
+    cache, for a face of shapes the glTF or the folder itself. Raises InputError for several caches without a face.toml.
     """
     if place := shape_file(character):
         return place
     if folder := sample_folder(character):
-        return folder / FACE_FILE
+        if _is_there(folder / FACE_FILE):
+            return folder / FACE_FILE
+        from data_recipes.sampled.point_caches import lone_cache
+
+        return lone_cache(folder) or folder / FACE_FILE
     name, _ = split_character(character)
     if name.endswith(".toml"):
         return Path(os.path.abspath(name))

@@ -12,6 +12,7 @@ FLAGS = (
     "-O3",
     "-Wall",
     "-Wextra",
+    "-Wpedantic",
     "-Wconversion",
     "-Wshadow",
     "-Wdouble-promotion",

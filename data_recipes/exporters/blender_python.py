@@ -1,4 +1,4 @@
-"""The Python that runs scripts for Blender: one with the `bpy` package, or Blender itself."""
+"""The Python that runs scripts for Blender: one with the `bpy` package, or Blender itself; and Alembic through it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -66,3 +67,41 @@ def run_scripts(python: Path, script: Path, calls: Sequence[Sequence[str]], quie
                 process.wait()
     if any(codes):
         raise InputError(f"{script.name} ended with code {next(filter(None, codes))}, for the reason above")
+
+
+# Alembic has no library that Python could install; Blender reads and writes it, and USD too. What it is told:
+CONVERT = """
+import sys
+import bpy
+
+source, target, rate = sys.argv[-3], sys.argv[-2], float(sys.argv[-1])
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene = bpy.context.scene
+scene.render.fps, scene.render.fps_base = round(rate), round(rate) / rate  # Alembic counts seconds
+if source.endswith(".abc"):
+    bpy.ops.wm.alembic_import(filepath=source, as_background_job=False, set_frame_range=True)
+    bpy.ops.wm.usd_export(filepath=target, export_animation=True, export_materials=False, convert_orientation=True)
+else:
+    bpy.ops.wm.usd_import(filepath=source)
+    span = {"start": scene.frame_start, "end": scene.frame_end}
+    bpy.ops.wm.alembic_export(filepath=target, as_background_job=False, face_sets=True, normals=False, **span)
+"""
+
+
+def through_blender(data: bytes, source: str, target: str, frames_per_second: float) -> bytes:
+    """Return a file's content in another format, Alembic (.abc) as USD (.usdc) or the other way; numbers stay.
+
+    source, target: the endings. Raises InputError where Blender is missing, and for a file that it can't read.
+    """
+    python = blender_python()
+    with tempfile.TemporaryDirectory() as folder:
+        script, old, new = (Path(folder) / name for name in ("convert.py", f"old{source}", f"new{target}"))
+        script.write_text(CONVERT, "utf-8")
+        old.write_bytes(data)
+        try:
+            run_scripts(python, script, [[str(old), str(new), repr(float(frames_per_second))]], quiet=True)
+        except InputError:
+            raise InputError(f"Blender can't make {target} of {source}, for the reason above") from None
+        if not new.is_file():
+            raise InputError(f"Blender made no {target} of {source}: the file is damaged or has no mesh")
+        return new.read_bytes()

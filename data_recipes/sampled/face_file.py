@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from data_recipes.landmark_set import FACE_LANDMARKS
-from data_recipes.sampled.shards import DAMAGE
+from data_recipes.sampled.shards import CACHE_ENDINGS, DAMAGE
 from replicate.base.exceptions import InputError
 from replicate.base.schema import LONGEST, Checked, either, names, naming, number, numbers, read_table, shown
 from replicate.base.spelling import nothing_named
 from replicate.base.user_files import read_text, read_toml, shown_path
 
 FACE_FILE, CONTROL_FILE = "face.toml", "controls.csv"
-MESH_ENDINGS = (".obj", ".ply", ".glb", ".gltf")  # of the neutral
+MESH_ENDINGS = (".obj", ".ply", ".glb", ".gltf", *CACHE_ENDINGS)  # of the neutral
 MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
 FAR = 1e6  # the farthest place of the eyes, in the file's unit
 LONGEST_TEXT = 500  # characters of a source or licence

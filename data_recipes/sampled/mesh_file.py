@@ -1,4 +1,4 @@
-"""The neutral pose of a folder of samples as its file has it: an OBJ or PLY, read row by row, a GLB or a glTF.
+"""The neutral pose of a folder of samples as its file has it: an OBJ or PLY, read row by row, a GLB, a glTF or a USD.
 
 General readers split or merge vertices at the seams of charts. Here they keep the order that the poses have too.
 """
@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 
 from data_recipes.gltf.document import buffer_files
 from data_recipes.gltf.gltf_face import GltfFace, read_gltf
+from data_recipes.sampled.point_caches import SPOKEN, Spoken, is_cache, mesh_of
 from data_recipes.sampled.polygons import triangulate
 from replicate.base.exceptions import InputError
 from replicate.base.schema import cut, shown
@@ -54,13 +55,14 @@ class NeutralFile:
         return np.flatnonzero(np.bincount(self.faces.ravel(), minlength=len(self.vertices)) == 0)
 
 
-def read_mesh(file: Path) -> NeutralFile:
+def read_mesh(file: Path, spoken: Spoken = SPOKEN) -> NeutralFile:
     """Return a mesh file's content.
 
+    spoken: the unit and axes that a USD, which states its own, is converted to; other files are taken to have them.
     Raises InputError, naming the line or the index, for texts in place of numbers and faces with vertices that don't
     exist.
     """
-    mesh = READERS[file.suffix.lower()](file)
+    mesh = _read_cache(file, spoken) if is_cache(file) else READERS[file.suffix.lower()](file)
     where = shown_path(file)
     n = len(mesh.vertices)
     if not n or not len(mesh.faces):
@@ -239,17 +241,19 @@ def _read_ply(file: Path) -> NeutralFile:
     if missing := [name for name in "xyz" if name not in vertex]:
         raise InputError(f"{where}: its vertices have no {missing[0]}")
     points = list(zip(*(vertex[name] for name in "xyz"), strict=True))
-    for k, corners in enumerate(polygons):
-        if not all(isinstance(corner, int) and 0 <= corner < len(points) for corner in corners):
-            raise InputError(
-                f"{where}: face {k} (from 0): expected vertices from 0 to {len(points) - 1}, got {corners}"
-            )
+    _check_corners(polygons, len(points), where)
     names = next((names for names in UV_NAMES if set(names) <= vertex.keys()), None)
     if names:
         uv, uv_polygons = list(zip(*(vertex[name] for name in names), strict=True)), polygons
     else:
         uv, uv_polygons = _uv_of_corners(polygons, face.get("texcoord", [()] * len(polygons)))
     return _of_polygons(where, points, uv, polygons, uv_polygons, [(NO_LABEL, NO_LABEL)] * len(polygons), {})
+
+
+def _check_corners(polygons: Sequence[list], count: int, where: str) -> None:
+    for k, corners in enumerate(polygons):
+        if not all(isinstance(corner, int) and 0 <= corner < count for corner in corners):
+            raise InputError(f"{where}: face {k} (from 0): expected vertices from 0 to {count - 1}, got {corners}")
 
 
 def _uv_of_corners(polygons: list[list[int]], texcoord: Sequence[tuple]) -> tuple[list[tuple], list[list[int]]]:
@@ -274,6 +278,16 @@ def neutral_of(face: GltfFace) -> NeutralFile:
 
 def _read_gltf(file: Path) -> NeutralFile:
     return neutral_of(read_gltf(file))
+
+
+def _read_cache(file: Path, spoken: Spoken) -> NeutralFile:
+    found = mesh_of(file, spoken)
+    where, points = shown_path(file), found.vertices
+    _check_corners(found.polygons, len(points), where)
+    mesh = _of_polygons(
+        where, points.tolist(), found.uv, found.polygons, found.uv_polygons, found.labels, found.members
+    )
+    return replace(mesh, remarks=(*found.remarks, *mesh.remarks))
 
 
 READERS = {".obj": _read_obj, ".ply": _read_ply, ".glb": _read_gltf, ".gltf": _read_gltf}

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.sampled.face_file import FaceFile, read_controls
+from data_recipes.sampled.face_file import FaceFile
 from data_recipes.sampled.mesh_file import buffers_of
+from data_recipes.sampled.point_caches import controls_of, pose_files, shards_of
 from data_recipes.sampled.sample_folder import AT_DEFAULT, NEUTRAL, SampleFolder, check_vertices, read_folder, size_mm
-from data_recipes.sampled.shards import read_shards, shard_files
 from replicate.base.exceptions import InputError
 from replicate.base.schema import cut
 
@@ -33,9 +33,10 @@ def has_one_pose_each(folder: Path) -> bool:
     Only the parameters are read, until a pose decides. A folder that can't be read is none.
     """
     try:
-        default = np.array([line.default for line in read_controls(folder)])
+        lines = controls_of(folder)
+        default = np.array([line.default for line in lines])
         poses: list[set[int]] = [set() for _ in default]
-        for shard in read_shards(shard_files(folder), len(default), None):
+        for shard in shards_of(pose_files(folder), lines, None):
             steps = _steps(shard.read("params"), default)
             for pose, control in np.argwhere(steps):
                 poses[control].add(int(steps[pose, control]))
@@ -58,7 +59,7 @@ def open_poses(folder: Path, mesh: str) -> SampleFolder:
 
     mesh: the name of its neutral's file. A process reads a folder once, as it does other samples.
     """
-    found = read_poses((folder / mesh, Path(), *shard_files(folder)))
+    found = read_poses((folder / mesh, Path(), *pose_files(folder)))
     named = [shape.control for shape in posed_shapes(found)[1]]
     what = {
         "controls without a pose, left out": [c.name for c in found.controls if c.name not in named],

@@ -20,13 +20,20 @@ from data_recipes.sampled.face_file import (
     ControlLine,
     FaceFile,
     influence_file,
-    read_controls,
-    read_face,
     read_influence,
 )
 from data_recipes.sampled.mesh_file import NeutralFile, buffers_of, read_mesh
+from data_recipes.sampled.point_caches import (
+    control_file,
+    controls_of,
+    face_of,
+    pose_files,
+    shards_of,
+    spoken_of,
+    states_unit,
+)
 from data_recipes.sampled.segment_charts import check_segments
-from data_recipes.sampled.shards import FOLDER, Shard, read_shards, shard_files
+from data_recipes.sampled.shards import FOLDER, Shard
 from replicate.base.exceptions import InputError
 from replicate.base.schema import cut, shown
 from replicate.base.user_files import shown_path
@@ -221,7 +228,7 @@ class SampleFolder:
         """The files of mesh, controls and shards, `influence.npy` if it is used, and buffers that a glTF names."""
         return (
             self.folder / self.face.mesh,
-            self.folder / CONTROL_FILE,
+            control_file(self.folder),
             *(file for shard in self.shards for file in shard.paths),
             *(influence_file(self.folder) if self.moves is not None else ()),
             *buffers_of(self.folder / self.face.mesh),
@@ -230,7 +237,7 @@ class SampleFolder:
     @property
     def where(self) -> str:
         """The shards' folder, for messages."""
-        return shown_path(self.folder / FOLDER)
+        return shown_path(_shards_folder(self.folder))
 
     @cached_property
     def in_faces(self) -> Int[np.ndarray, " k"]:
@@ -276,16 +283,16 @@ def read_folder(
     influence: whether to use an `influence.npy`.
     least: how many poses there must be.
     """
-    face = read_face(folder) if face is None else face
-    lines = read_controls(folder)
+    face = face_of(folder) if face is None else face
+    lines = controls_of(folder)
     file = folder / face.mesh
-    neutral = read_mesh(file)
+    neutral = read_mesh(file, spoken_of(face))
     check_segments(neutral, face.segments, shown_path(file))
     _check_points(face, len(neutral.vertices), folder)
-    files = shard_files(folder) if shards is None else shards
-    found = read_shards(files, len(lines), len(neutral.vertices))
+    files = pose_files(folder) if shards is None else shards
+    found = shards_of(files, lines, len(neutral.vertices), spoken_of(face))
     limits = (np.array([getattr(line, name) for line in lines]) for name in ("lower", "default", "upper"))
-    where = shown_path(folder / FOLDER)
+    where = shown_path(_shards_folder(folder))
     poses = list_poses(found, where, *limits, least=least)
     controls, columns, remarks = limits_from_poses(lines, poses, shown_path(folder / CONTROL_FILE))
     poses = replace(poses, params=np.ascontiguousarray(poses.params[:, columns]))
@@ -308,6 +315,10 @@ def read_folder(
     )
 
 
+def _shards_folder(folder: Path) -> Path:
+    return folder / FOLDER if (folder / FOLDER).exists() else folder
+
+
 def size_mm(found: SampleFolder) -> float:
     """Return the largest side of the box around the neutral pose."""
     return float(np.ptp(found.surface(found.vertices_mm), axis=0).max())
@@ -317,10 +328,11 @@ def check_size(found: SampleFolder) -> None:
     """Raise InputError for a face that is too small or too large, as with a wrong unit."""
     size, (least, most) = size_mm(found), SIZE_MM
     if not least <= size <= most:
-        raise InputError(
-            f'{shown_path(found.folder / FACE_FILE)}: with unit = "{found.face.unit}" the mesh is {size:.4g} mm large, '
-            f"expected {least:g} to {most:g} mm: does it have another unit?"
-        )
+        mesh = found.folder / found.face.mesh
+        said = f'{shown_path(found.folder / FACE_FILE)}: with unit = "{found.face.unit}"'
+        said = f"{shown_path(mesh)}: with the unit that it states (metersPerUnit)" if states_unit(mesh) else said
+        expected = f"expected {least:g} to {most:g} mm: does it have another unit?"
+        raise InputError(f"{said} the mesh is {size:.4g} mm large, {expected}")
 
 
 def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, "t n 3"]) -> None:

@@ -28,6 +28,7 @@ from replicate.base.schema import cut, shown
 from replicate.base.user_files import shown_path
 
 FOLDER = "poses"
+CACHE_ENDINGS = (".usd", ".usda", ".usdc", ".abc")  # of points that move over time: see point_caches.py
 NEEDED, OPTIONAL = ("params", "vertices"), ("clip", "frame", "drawn")
 ARRAYS = (*NEEDED, *OPTIONAL)
 UNFINISHED = ".part"
@@ -108,7 +109,7 @@ def shard_files(folder: Path) -> tuple[Path, ...]:
     """Return the files of shards in a folder's `poses`, sorted by name.
 
     Those that end in .part or begin with a dot are left out. Raises InputError, naming the file, for any other that is
-    no npz or npy, or no regular file.
+    no npz, npy, point cache or table of one, or no regular file.
     """
     place = folder / FOLDER
     where = shown_path(place)
@@ -119,9 +120,14 @@ def shard_files(folder: Path) -> tuple[Path, ...]:
     names = [name for name in names if not name.startswith(".") and not name.endswith(UNFINISHED)]
     if len(names) > MOST_FILES:
         raise InputError(f"{where}: expected at most {MOST_FILES:,} files, got {len(names):,}")
+    caches = {Path(name).stem for name in names if Path(name).suffix.lower() in CACHE_ENDINGS}
     for name in names:
-        if not (name.endswith(".npz") or _PAIR.fullmatch(name)):
-            endings = f"NAME.npz, NAME.params.npy with NAME.vertices.npy, or a name that ends in {UNFINISHED}"
+        is_cache = Path(name).suffix.lower() in (*CACHE_ENDINGS, ".csv") and Path(name).stem in caches
+        if not (name.endswith(".npz") or _PAIR.fullmatch(name) or is_cache):
+            endings = (
+                "NAME.npz, NAME.params.npy with NAME.vertices.npy, NAME.usdc with NAME.csv, or a name that ends in "
+            )
+            endings += UNFINISHED
             raise InputError(f"{where}: expected {endings}, got {shown(name)}")
         _check_regular(place / name)
     if not names:

@@ -61,6 +61,10 @@ OPTIONS = {
         "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second; "
         "or a .json that the posing page saved",
     },
+    "form": {
+        "default": "vertices",
+        "help": "what models give: vertices (default), or the weights of shapes, which are morph targets of a GLB",
+    },
     "onto": {
         "nargs": "+",
         "default": [],
@@ -74,13 +78,15 @@ OPTIONS = {
     },
     "to": {
         "metavar": "FILE",
-        "help": "the .glb (metres) or, for a pose, .obj (mm) to write (default: a .glb in results/runs/export)",
+        "help": "the .glb, .usd, .usda, .usdc or .abc (metres) or, for a pose, .obj (mm) to write (default: a .glb in "
+        "results/runs/export); USD needs the extra `usd`, and Alembic bpy or Blender as well",
     },
     "tolerance": {
         "type": float,
         "default": 0.05,
         "metavar": "MM",
-        "help": "how far a clip's vertices may be from the rig's: smaller makes larger files (default: 0.05 mm)",
+        "help": "how far a clip's vertices may be from the rig's: smaller makes larger files; 0 writes the points of "
+        "every frame into a USD (default: 0.05 mm)",
     },
     "all": {
         "action": "store_true",

@@ -111,9 +111,13 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
 
 
 def _enumerators(prefix: str, controls: Sequence[Control], guard: str) -> list[str]:
-    """Return a different name for each control; those that C can't tell apart get the control's index at their end."""
+    """Return a different name for each control; those that C can't tell apart get the control's index at their end.
+
+    Words in capitals that the C files have themselves, such as AT_ONCE and FLT_MAX, are taken.
+    """
     names = [f"{prefix}_{identifier(control.name).upper()}" for control in controls]
-    taken = {f"{prefix}_{word}" for word in ("CONTROLS", "VERTICES", "SEGMENTS", "DEMO")} | {guard}
+    own = (file.read_text(encoding="ascii").replace("${upper}", prefix) for file in TEMPLATES)
+    taken = {word for text in own for word in re.findall(r"\b[A-Z_][A-Z0-9_]*\b", text)} | {guard}
     alike = taken | {name for name in names if names.count(name) > 1}
     known = taken | set(names)
     found = []

@@ -1,4 +1,4 @@
-"""The metadata of an exported model: names, units, limits, errors, and what may be done with it."""
+"""What is said of an exported face and its models: names, units, limits, errors, and what may be done with them."""
 
 import json
 from collections.abc import Sequence
@@ -10,6 +10,11 @@ from replicate.approximation.metrics import Errors, summary
 PARAMETERS = "raw rig parameters without a unit, in the order of controls; the neutral pose is every control's default"
 VERTICES = (
     "millimetres, x to the character's left, y up, z forward, in the order of the vertices in the GLB beside this file"
+)
+POSES = "any number of poses at once, none too"
+OF_SHAPES = (
+    "those of the mesh in the GLB beside this file, in its order, plus the sum of its morph targets times the weights, "
+    "which come in the order of the targets; metres, x to the character's left, y up, z forward"
 )
 OUT_OF_RANGE = (
     "Parameters beyond lower and upper are not clamped: the model is evaluated there as it is. It was trained on poses "
@@ -33,6 +38,7 @@ class FaceFacts:
     segments: names of the mesh's segments
     rigid: names of those that the rigid step places
     made_by: the command that wrote the model
+    vertex_count: n
     file_vertices: of each vertex of the file that the face comes from, its place among the model's, −1 for those that
         no model moves; () for faces from no such file
     """
@@ -42,7 +48,31 @@ class FaceFacts:
     segments: Sequence[str]
     rigid: Sequence[str]
     made_by: str
+    vertex_count: int
     file_vertices: Sequence[int] = ()
+
+
+def about_face(face: FaceFacts) -> dict[str, object]:
+    """Return what all models of a character share, as lists and texts, for a JSON file of its own."""
+    controls = [
+        {"name": c.name, "region": c.region, "lower": c.lower, "default": c.default, "upper": c.upper}
+        for c in face.controls
+    ]
+    return {
+        "character": face.character,
+        "poses": POSES,
+        "parameters": PARAMETERS,
+        "vertices": VERTICES,
+        "vertex_count": face.vertex_count,
+        **({"file_vertices": [*face.file_vertices]} if len(face.file_vertices) else {}),
+        "out_of_range": OUT_OF_RANGE,
+        "controls": controls,
+        "segments": [*face.segments],
+        "rigid_segments": [*face.rigid],
+        "licence": LICENCE,
+        "patents": PATENTS,
+        "made_by": face.made_by,
+    }
 
 
 def about_model(face: FaceFacts, method: str, title: str, errors: Errors, half: bool) -> dict[str, str]:
@@ -54,27 +84,12 @@ def about_model(face: FaceFacts, method: str, title: str, errors: Errors, half: 
     errors: the method's, on held-out poses
     half: whether weights have 16 bits
     """
-    controls = [
-        {"name": c.name, "region": c.region, "lower": c.lower, "default": c.default, "upper": c.upper}
-        for c in face.controls
-    ]
-    of_file = {"file_vertices": json.dumps([*face.file_vertices])} if len(face.file_vertices) else {}
-    return {
-        "character": face.character,
+    shared = {key: value if isinstance(value, str) else json.dumps(value) for key, value in about_face(face).items()}
+    return shared | {
         "method": method,
         "title": title,
-        "parameters": PARAMETERS,
-        "vertices": VERTICES,
-        **of_file,
-        "out_of_range": OUT_OF_RANGE,
-        "controls": json.dumps(controls),
-        "segments": json.dumps([*face.segments]),
-        "rigid_segments": json.dumps([*face.rigid]),
         "weights": HALF if half else "float32",
         "held_out_errors": json.dumps(_held_out(errors)),
-        "licence": LICENCE,
-        "patents": PATENTS,
-        "made_by": face.made_by,
     }
 
 

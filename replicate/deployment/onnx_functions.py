@@ -41,6 +41,10 @@ class _Recorder(TorchFunctionMode):
         self._values[id(tensor)] = value
         self._tensors.append(tensor)
 
+    def follows(self, operand: torch.Tensor) -> bool:
+        """Return whether a tensor depends on the parameters."""
+        return id(operand) in self._values
+
     def value(self, operand: torch.Tensor | float) -> str:
         """Return the value of a tensor or a number; a tensor that depends on no parameter is a weight."""
         if id(operand) in self._values:
@@ -168,8 +172,22 @@ def _flatten(recorder: _Recorder, x: torch.Tensor, start_dim: int = 0, end_dim: 
     return recorder.graph.reshape(recorder.value(x), [*[0] * start_dim, size, *x.shape[end_dim + 1 :]])
 
 
+def _matmul(recorder: _Recorder, left: torch.Tensor, right: torch.Tensor) -> str:
+    """Convert a product. A constant on the left is repeated (see `for_each_pose`) or put to the right if large."""
+    graph, factor = recorder.graph, recorder.value(right)
+    if recorder.follows(left) or right.ndim < 3:
+        return graph.node("MatMul", recorder.value(left), factor)
+    if left.ndim > 2 or right.ndim > 3:
+        constant = graph.for_each_pose(left.detach().cpu().numpy(), graph.sum(factor, right.ndim - 2, right.ndim - 1))
+        return graph.node("MatMul", constant, factor)
+    columns = graph.reshape(graph.node("Transpose", factor, perm=[0, 2, 1]), [-1, right.shape[1]])
+    products = graph.node("MatMul", columns, recorder.value(left.T.contiguous()))
+    return graph.node("Transpose", graph.reshape(products, [-1, right.shape[2], len(left)]), perm=[0, 2, 1])
+
+
 def _sum(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int], keepdim: bool = False) -> str:
-    return recorder.graph.sum(recorder.value(x), *np.atleast_1d(dim).tolist(), keep=keepdim)
+    axes = (np.atleast_1d(dim) % x.ndim).tolist()  # onnxruntime-web overlooks negative ones where there are no poses
+    return recorder.graph.sum(recorder.value(x), *axes, keep=keepdim)
 
 
 def _ones_like(recorder: _Recorder, x: torch.Tensor) -> str:
@@ -216,6 +234,6 @@ CONVERTERS = {
     "lt": _pointwise("Less"),
     "minimum": _pointwise("Min"),
     "maximum": _pointwise("Max"),
-    "matmul": _pointwise("MatMul"),
+    "matmul": _matmul,
     **{name: _pointwise(name.capitalize()) for name in ALIKE},
 }

@@ -70,6 +70,13 @@ class OnnxGraph:
         """
         return self.node("Reshape", value, self.integers(shape))
 
+    def for_each_pose(self, constant: np.ndarray, value: str) -> str:
+        """Return a constant repeated along the first dimension of a value (b, …), beside which it can be added.
+
+        A product of matrices whose left factor lacks that dimension fails in onnxruntime-web where there are no poses.
+        """
+        return self.node("Add", self.constant(constant), self.node("Mul", value, self.constant(0)))
+
     def gather(self, value: str, indices: np.ndarray, axis: int) -> str:
         """Return some entries of a value along an axis."""
         return self.node("Gather", value, self.integers(indices), axis=axis)

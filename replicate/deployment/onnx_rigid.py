@@ -96,7 +96,8 @@ def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, c
     arms = np.zeros((count, most, 3))
     for row, vertices in enumerate(members):
         arms[row, : len(vertices)] = mesh.neutral[vertices] - centre[row]
-    placed = graph.node("Add", graph.node("MatMul", graph.constant(arms), rotation), posed_centre)
+    arms = graph.for_each_pose(arms, posed_centre)
+    placed = graph.node("Add", graph.node("MatMul", arms, rotation), posed_centre)
     rows = np.concatenate([row * most + np.arange(len(vertices)) for row, vertices in enumerate(members)])
     return Placed(graph.reshape(placed, [0, count * most, 3]), rows, np.concatenate(members))
 
@@ -107,10 +108,11 @@ def add_rotations(graph: OnnxGraph, rest: np.ndarray, posed: str) -> str:
     rest: (r, c, 3) mm about their mean; posed: a value (b, r, c, 3) likewise. Where carriers lie on a line, or in one
     place, many rotations are equally good: it is one near the identity.
     """
-    covariance = graph.node("MatMul", graph.constant(rest.transpose(0, 2, 1)), posed)  # (b, r, 3, 3): Σ xᵀ y
+    whole_rest = graph.for_each_pose(rest, posed)
+    covariance = graph.node("MatMul", _transposed(graph, whole_rest), posed)  # (b, r, 3, 3): Σ xᵀ y
     quaternion = _dominant(graph, covariance)
     for _ in range(STEPS):
-        quaternion = _improved(graph, quaternion, covariance, graph.constant(rest), posed)
+        quaternion = _improved(graph, quaternion, covariance, whole_rest, posed)
     return _matrix(graph, quaternion)
 
 

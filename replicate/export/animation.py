@@ -39,17 +39,23 @@ def animated_glb(
     tolerance_mm: how far a vertex of any frame may be off
     frames_per_second: of the clip
     """
-    tracks = []
-    with progress(len(rest), "morph targets") as bar:
-        for part, positions in zip(rest, frames, strict=True):
-            tracks.append(_track(part, positions, tolerance_mm))
-            bar.update(1)
+    tracks = tracks_of(rest, frames, tolerance_mm)
 
     def finish(buffers, tree) -> None:
         by_name = {part.name: track for part, track in zip(rest, tracks, strict=True)}
         _Writer(buffers, tree).animate(by_name, frames_per_second)
 
     return glb(rest, about, finish), tracks
+
+
+def tracks_of(rest: Sequence[Part], frames: Sequence[Float32[np.ndarray, "t _ 3"]], tolerance_mm: float) -> list[Track]:
+    """Return each part's track in a clip; arguments as those of `animated_glb`."""
+    tracks = []
+    with progress(len(rest), "shapes of parts") as bar:
+        for part, positions in zip(rest, frames, strict=True):
+            tracks.append(_track(part, positions, tolerance_mm))
+            bar.update(1)
+    return tracks
 
 
 def _track(part: Part, positions: np.ndarray, tolerance_mm: float) -> Track:

@@ -1,9 +1,12 @@
 """Our method in C99: it compiles without a warning, gives Python's vertices, and says which controls there are."""
 
 import dataclasses
+import json
 import re
 import shutil
 import subprocess
+import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -16,7 +19,7 @@ from small_face import M
 from data_recipes.controls import Control
 from replicate.approximation.rigid import Attachments, attach
 from replicate.base.paths import ROOT
-from replicate.deployment.c_face import CFace, c_files, identifier
+from replicate.deployment.c_face import CFace, _enumerators, c_files, identifier
 from replicate.regional.model import RegionalModel, halve
 from replicate.regional.networks import fresh_networks
 
@@ -84,6 +87,12 @@ ON_A_LINE = attached([2], np.flatnonzero(MESH.segment == 0)[None, 16:26])  # but
 NONE = attached([], np.zeros((0, 10), int))
 
 
+WASM_DRIVER = """
+const [file, poses, count] = process.argv.slice(2), rows = JSON.parse(poses);
+const pose = await faceOf(await readFile(file), rows[0].length, Number(count));
+for (const row of rows) process.stdout.write(new Uint8Array(Float32Array.from(pose(row)).buffer));
+"""
+
 CHANGES = {
     "ours": {},
     "leaky ReLUs": {"model": other_model(gated=False)},
@@ -123,6 +132,24 @@ def test_callers_in_other_languages_pose_the_face(program, tmp_path):
     params = np.eye(1, M, dtype=np.float32) * np.float32(1.5)
     wanted = attach(MESH, FACE.attachments, MESH.neutral + FACE.model.offsets(params))[0]
     np.testing.assert_allclose(np.loadtxt(done.stdout.splitlines()), wanted, atol=1e-3)
+
+
+def test_webassembly_gives_pythons_vertices(tmp_path):
+    node = shutil.which("node") or pytest.skip("needs Node.js")
+    if find_spec("ziglang") is None:
+        pytest.skip("needs a compiler for WebAssembly: pip install ziglang")
+    (words,) = re.findall(r"^python -m ziglang (cc .*) -o teen\.wasm", (ROOT / "ENGINES.md").read_text("utf-8"), re.M)
+    source, wasm = write(c_face(), tmp_path), tmp_path / "small.wasm"
+    words = [str(source) if word.endswith(".c") else word.replace("teen", "small") for word in words.split()]
+    subprocess.run([sys.executable, "-m", "ziglang", *words, "-o", wasm], check=True, capture_output=True, timeout=600)
+    program = tmp_path / "posed.mjs"
+    program.write_text((EXAMPLES / "pose_wasm.mjs").read_text("utf-8").partition("\nfunction refuse")[0] + WASM_DRIVER)
+    done = subprocess.run(
+        [node, program, wasm, json.dumps(POSES.tolist()), str(len(MESH.neutral))], capture_output=True
+    )
+    found = np.frombuffer(done.stdout, np.float32).reshape(len(POSES), -1, 3)
+    wanted = attach(MESH, FACE.attachments, MESH.neutral + FACE.model.offsets(POSES))
+    assert np.linalg.norm(found - wanted, axis=-1).max() < 1e-3
 
 
 def test_the_example_in_rust_counts_what_the_teen_has():
@@ -171,6 +198,24 @@ def test_names_that_c_can_not_tell_apart_or_say_get_numbers(tmp_path):
         assert f"    _3RD_FACE_{name}," in text
     compiled(write(face, tmp_path), tmp_path / "face.o", "-c")
     assert identifier("2x-y") == "_2x_y"
+
+
+def test_names_that_the_source_uses_itself_get_numbers(tmp_path):
+    names = ["once", "demo", *map(str, range(2, M))]
+    controls = tuple(Control(name, -1.0, 0.0, 2.0, "mouth") for name in names)
+    face = c_face(controls=controls, name="at")  # AT_ONCE is the source's own
+    assert "    AT_ONCE_0,\n    AT_DEMO_1,\n" in c_files(face, "my_face")["my_face.h"]
+    compiled(write(face, tmp_path), tmp_path / "face.o", "-c")
+
+
+def test_names_are_different_however_alike_controls_are_called():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        names = ["".join(rng.choice([*"aA_ -01"], rng.integers(1, 5))) for _ in range(30)]
+        controls = [Control(name, -1.0, 0.0, 2.0, "mouth") for name in names]
+        found = _enumerators("A", controls, "A_A_H")
+        assert len(set(found)) == len(controls) and all(re.fullmatch(r"A_\w+", name) for name in found)
+        assert not set(found) & {"A_CONTROLS", "A_VERTICES", "A_SEGMENTS", "A_DEMO", "A_A_H"}
 
 
 def test_a_name_with_its_number_is_not_another_controls_name(tmp_path):

@@ -1,5 +1,9 @@
-"""An approximation as one ONNX model: onnxruntime gives Python's vertices, those of rigid segments too."""
+"""An approximation as one ONNX model: runtimes, that of the web too, give Python's vertices, rigid ones as well."""
 
+import json
+import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +12,7 @@ import onnxruntime
 import pytest
 import torch
 from onnx.reference import ReferenceEvaluator
+from onnxruntime_web import onnxruntime_web
 from posed_face import posed_face
 from small_face import M
 from torch import nn
@@ -16,8 +21,11 @@ from untrained_models import MESH, MODELS, SCALE, SEGMENTS, coarse_model, linear
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.rigid import attach
 from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
+from replicate.deployment.onnx_graph import IR_VERSION, OPSET
 from replicate.deployment.onnx_model import onnx_model
 
+WEB_PROGRAM = Path(__file__).with_name("posed_on_web.mjs")
 UNITY = Path(__file__).with_name("unity_operators.txt")
 ATTACHMENTS = posed_face().attachments
 POSES = np.random.default_rng(0).uniform(-3, 3, (100, M)).astype(np.float32)  # the limits are −1 and 2
@@ -58,6 +66,48 @@ def test_every_operator_and_the_opset_are_among_those_that_unity_imports(kind):
         assert opset.domain == "" and int(first) <= opset.version <= int(last)
         assert {node.op_type for node in written.graph.node} <= {name for line in names for name in line}
         onnx.checker.check_model(written, full_check=True)
+
+
+def test_the_page_on_engines_names_every_operator_and_only_these():
+    page = (ROOT / "ENGINES.md").read_text("utf-8")
+    listed = re.search(r"All models together use ([\w\s]+)\.", page)[1].split()
+    models = [onnx_model(make(), MESH, ATTACHMENTS, half=True) for make in MODELS.values()]
+    assert sorted({node.op_type for model in models for node in model.graph.node}) == listed
+    assert f"Opset {OPSET}, IR {IR_VERSION}" in page
+
+
+@pytest.fixture
+def on_the_web(tmp_path):
+    """Return a function (model, params) → vertices, by onnxruntime-web in Node.js."""
+    package, node = onnxruntime_web(), shutil.which("node")
+
+    def posed(model, params):
+        (tmp_path / "model.onnx").write_bytes(model.SerializeToString())
+        (tmp_path / "params").write_bytes(params.tobytes())
+        command = [node, WEB_PROGRAM, package, tmp_path, *map(str, params.shape)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr[-2000:]
+        return np.fromfile(tmp_path / "vertices", np.float32).reshape(json.loads(done.stdout))
+
+    return posed
+
+
+@pytest.mark.parametrize("kind", ["coarse", "refined", "linear", "driven", "regional"])
+def test_onnxruntime_web_gives_pythons_vertices_and_none_where_there_are_no_poses(kind, on_the_web):
+    model = MODELS[kind]()
+    written = onnx_model(model, MESH, ATTACHMENTS, half=kind == "regional")
+    assert furthest(on_the_web(written, POSES), wanted(model)) < 1e-3
+    assert on_the_web(written, POSES[:0]).shape == (0, len(MESH.neutral), 3)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_no_constant_is_the_left_factor_of_a_product_of_poses(kind):
+    graph = onnx_model(MODELS[kind](), MESH, ATTACHMENTS).graph
+    constants = {weight.name for weight in graph.initializer}
+    shapes = {weight.name: [*weight.dims] for weight in graph.initializer}
+    products = [node for node in graph.node if node.op_type == "MatMul"]
+    assert products and not [node.name for node in products if node.input[0] in constants]
+    assert all(len(shapes[name]) == 2 for node in products for name in node.input if name in constants)
 
 
 @pytest.mark.parametrize("kind", MODELS)
@@ -175,6 +225,8 @@ TURNS = {
     "flattened from the end": lambda x, k: x.unflatten(1, (k, 3)).flatten(-2).unflatten(1, (-1, 3)),
     "transposed": lambda x, k: x.unflatten(1, (3, k)).transpose(-1, 1),
     "flattened with the poses": lambda x, k: x.unflatten(1, (k, 3)).flatten(0, 1).unflatten(0, (-1, k)),
+    "after a constant matrix": lambda x, k: torch.linspace(0, 1, k * k).reshape(k, k) @ x.unflatten(1, (k, 3)),
+    "after a constant matrix each": lambda x, k: (torch.ones(k, 1, 1) @ x.unflatten(1, (k, 1, 3))).squeeze(2),
     "beside sums that keep their dimension": lambda x, k: (x - x.sum(-1, keepdim=True) / (3 * k)).unflatten(1, (k, 3)),
     "beside sums over two dimensions": lambda x, k: x.unflatten(1, (k, 3)) / x.unflatten(1, (k, 3)).sum((1, 2), True),
 }

@@ -27,11 +27,11 @@ from replicate.drawing.rig_views import open_mouth
 from replicate.engine.provenance import provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import stream_rng
-from replicate.export.drawn_shards import drawn_shards, tried_influence
 from replicate.methods import artefacts
 from replicate.methods.plan import Plan
 from replicate.report.results import find, read_results
 from replicate.rig_study.interaction import no_interaction
+from replicate.targets.export_samples import drawn_shards, tried_influence
 from replicate.targets.rig_report import rows as rig_report_rows
 
 NUMBERS = SamplesConfig(count=200, validation=8)

@@ -211,7 +211,7 @@ def test_a_file_of_parameters_is_a_pose_or_a_clip(tmp_path):
     params.write_text("lift\n0\n0.5\n1\n")
     export(rig, Request(params=str(params), to=str(tmp_path / "three.glb")))
     np.testing.assert_allclose(Glb(tmp_path / "three.glb").play("box")[0][:, 0, 2], [0, 2.5, 5], atol=0.05)
-    with pytest.raises(InputError, match=r"three\.obj can hold one pose, and nod has 3: name a \.glb file"):
+    with pytest.raises(InputError, match=r"three\.obj can hold one pose, and nod has 3: name a \.glb or \.usdc file"):
         export(rig, Request(params=str(params), to=str(tmp_path / "three.obj")))
     params.write_text("lft\n0.5\n")
     with pytest.raises(InputError, match="there is no control 'lft' in this rig"):
@@ -237,10 +237,10 @@ def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
     "arguments, part",
     [
         (("--pose", "joy", "--clip", "3"), "expected one of pose, clip and params, got pose and clip"),
-        (("--to", "face.fbx"), "face.fbx: expected a name that ends in .glb or .obj"),
-        (("--to", "face"), "face: expected a name that ends in .glb or .obj"),
+        (("--to", "face.fbx"), "face.fbx: expected a name that ends in .glb, .obj, .usd, .usda, .usdc or .abc"),
+        (("--to", "face"), "face: expected a name that ends in .glb, .obj, .usd, .usda, .usdc or .abc"),
         (("--to", "nowhere/at/all/face.glb"), "there is no folder"),
-        (("--clip", "3", "--to", "face.obj"), "can hold one pose and not a clip: name a .glb file"),
+        (("--clip", "3", "--to", "face.obj"), "can hold one pose and not a clip: name a .glb or .usdc file"),
         (("--clip", "3", "--tolerance", "0"), "tolerance: expected a number of at least 0.001 mm, got 0.0"),
         (("--tolerance", "nan"), "tolerance: expected a number of at least 0.001 mm, got nan"),
         (("--characters", "teen", "tiny", "--to", "face.glb"), "2 characters can't all be written to face.glb"),

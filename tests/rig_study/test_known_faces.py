@@ -6,9 +6,9 @@ from sample_folders import neutral, vertices_at, write
 
 from data_recipes.function_rig import FunctionRig
 from replicate.config import SamplesConfig
-from replicate.export import drawn_shards
 from replicate.methods.artefacts import rig_of
 from replicate.rig_study.tour import SHOWN, known_faces
+from replicate.targets import export_samples as drawn_shards
 
 
 @pytest.fixture

@@ -9,11 +9,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import onnxruntime
 import pytest
+from glb_shapes import posed_by_shapes
 
 from replicate.base.paths import ROOT
 from replicate.methods.method_registry import choose
 from replicate.report.results import find, read_results
+from replicate.targets.deploy import SHAPED
 
 NUMBERS = """
 [samples]
@@ -263,7 +267,17 @@ def test_every_method_with_a_model_leaves_the_suite_and_nothing_is_trained_for_i
     names = [name for name, method in SHOWN.items() if method.model]
     models = {f"deploy_tiny_{name}{precision}.onnx" for name in names for precision in ("", "_float16")}
     files = {file.name for file in (folder / "results" / "quick").glob("deploy_*")}
-    assert len(names) >= 10 and files == models | {f"deploy_tiny.{ending}" for ending in ("c", "h", "glb")}
+    usual = models | {f"deploy_tiny.{ending}" for ending in ("c", "h", "glb", "json")}
+    assert len(names) >= 10 and files == usual
+    finish(folder, (*ALL, "--form", "shapes"), "deploy")
+    results, rng = folder / "results" / "quick", np.random.default_rng(0)
+    written = {file.stem for file in results.glob("deploy_shapes_*.glb")}
+    assert written == {f"deploy_shapes_tiny_{name}" for name in SHAPED}
+    for name in SHAPED:
+        session = onnxruntime.InferenceSession(results / f"deploy_tiny_{name}.onnx", providers=["CPUExecutionProvider"])
+        params = rng.uniform(0, 1, (20, session.get_inputs()[0].shape[1])).astype(np.float32)
+        found = posed_by_shapes(results / f"deploy_shapes_tiny_{name}", params)
+        np.testing.assert_allclose(found, session.run(None, {"parameters": params})[0], atol=2e-3)
 
 
 def test_kill_9_at_ten_random_moments_changes_no_digit(short, tmp_path):

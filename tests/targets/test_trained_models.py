@@ -6,8 +6,10 @@ import tomllib
 import zipfile
 
 import numpy as np
+import onnxruntime
 import pytest
 import rigs
+from glb_shapes import posed_by_shapes
 
 from data_recipes.catalogue import FACE_LANDMARKS
 from replicate import __main__ as cli
@@ -209,6 +211,14 @@ def test_page_models_and_animation_come_from_an_empty_cache(shipped, tmp_path, c
         if words == ["deploy"]:
             assert said.endswith("tiny: METHODS=refined,dense,linear names the others, which have to be trained\n")
     results = tmp_path / "results"
+    assert cli.main(["deploy", *TINY, "--form", "shapes"]) == 0
+    assert capsys.readouterr().out.endswith("METHODS=pca,linear,morph names the others, which have to be trained\n")
+    file = results / "quick" / "deploy_tiny_regional.onnx"  # which the other form leaves where it is
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
+    poses = trained.poses_of_errors(shipped / "tiny.zip").astype(np.float32)
+    found = posed_by_shapes(results / "quick" / "deploy_shapes_tiny_regional", poses)
+    np.testing.assert_allclose(found, session.run(None, {"parameters": poses})[0], atol=1e-3)
+    assert np.abs(found - rig.mesh.neutral).max() > 1
     origin = "from trained models of the repository (quick, seed 0, commit 0123456)"
     for name in ("poser_tiny.html", "deploy_tiny.c"):
         assert origin in " ".join((results / "quick" / name).read_text("utf-8").split())
