@@ -231,12 +231,20 @@ class SharedNursery:
     def close(self):
         """Leave the nursery to the next run; it ends with this process."""
 
+    @classmethod
+    def close_all(cls):
+        """End all nurseries."""
+        while cls.nurseries:
+            cls.nurseries.popitem()[1].close()
+
 
 @pytest.fixture(autouse=True, scope="module")
 def nursery(request):
     """Have runs share nurseries, but for the tests of the engine and of signals, which look at a run's processes."""
     folder = request.path.relative_to(Path(__file__).parent).parts[0]
     with pytest.MonkeyPatch.context() as patch:
-        if folder not in ("base", "engine"):
+        if folder in ("base", "engine"):
+            SharedNursery.close_all()
+        else:
             patch.setattr(workers, "Nursery", SharedNursery)
         yield

@@ -206,10 +206,6 @@ def _rows_of(character: str, options: argparse.Namespace, command_line: Sequence
     return table_rows
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 # The worst poses of a character: where its skin turns over, and where teeth leave the mouth.
 
 POSES, COLUMNS = 10, 5
@@ -308,3 +304,7 @@ def _fill(pictures: list, titles: list, width: int, height: int) -> None:
     while len(pictures) % COLUMNS:
         pictures.append(np.full((height, width, 3), 255, np.uint8))
         titles.append("")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -13,7 +13,7 @@ A straight line beside them, from ridge regression       methods/regional.py: st
 No product leaves the range that training has seen       regional/networks.py: GatedNetwork.bound
 The loss: lengths of the regions' coefficient errors     regional/model.py: regional_loss
 The training, by the loop of all networks                methods/regional.py: train
-The rig's exact derivatives, for Sobolev training        regional/derivatives.py: derivative_batches
+The rig's exact derivatives, for Sobolev training        methods/regional.py: derivative_batches
 That variant as a row of the tables                      methods/regional_derivatives.py: stage
 From p to offsets, batch by batch                        regional/model.py: RegionalModel.offsets
 The same for one pose at a time, compiled                inference/regional_evaluation.py: place_regions
