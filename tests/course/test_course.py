@@ -116,7 +116,10 @@ def test_nbgrader_makes_a_release_with_pictures_and_without_solutions(tmp_path):
     page = (build.COURSE / "LECTURERS.md").read_text(encoding="utf-8")
     words = re.search(r"^nbgrader (generate_assignment lesson1)\b", page, re.MULTILINE)[1].split()
     program = [sys.executable, "-m", "nbgrader", *words]
-    done = subprocess.run(program, cwd=tmp_path / "out", capture_output=True, text=True, timeout=600)
+    path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # as activated: it calls alembic
+    done = subprocess.run(
+        program, cwd=tmp_path / "out", capture_output=True, text=True, timeout=600, env=os.environ | {"PATH": path}
+    )
     assert done.returncode == 0, done.stderr
     theirs = nbformat.read(tmp_path / "out" / "release" / "lesson1" / f"{LESSONS[0]}.ipynb", as_version=4)
     student = committed(build.STUDENT, LESSONS[0])
