@@ -206,8 +206,13 @@ def _packages(module: str) -> set[str]:
 
 @functools.cache
 def _roots(path: tuple[str, ...]) -> tuple[Path, ...]:
-    prefixes = [os.path.realpath(prefix) + os.sep for prefix in (sys.prefix, sys.base_prefix)]
-    return (ROOT, *(Path(p) for p in path if p and not os.path.realpath(p).startswith(tuple(prefixes))))
+    return (ROOT, *(Path(folder) for folder in path if folder and not _is_installed(os.path.realpath(folder))))
+
+
+def _is_installed(folder: str) -> bool:
+    """Return whether a folder has installed packages: of this environment, of the user, or of another environment."""
+    prefixes = tuple(os.path.realpath(prefix) + os.sep for prefix in (sys.prefix, sys.base_prefix))
+    return folder.startswith(prefixes) or Path(folder).name in ("site-packages", "dist-packages")
 
 
 def project_roots() -> tuple[Path, ...]:

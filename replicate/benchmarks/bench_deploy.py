@@ -200,6 +200,15 @@ def deploy_table(rows: Sequence[Row], character: str) -> Table:
     return Table(f"What leaves the suite: {character}", (header,), in_groups(lines), notes, text_columns=2)
 
 
+def forms_card(rows: Sequence[Row]) -> Table:
+    """Return the forms of all characters' methods in one table, for a page."""
+    characters = dict.fromkeys(row.character for row in rows)
+    tables = {character: deploy_table(rows, character) for character in characters}
+    lines = [(character, (character, *line)) for character, table in tables.items() for line in table.body if line]
+    some = next(iter(tables.values()))
+    return Table("What leaves the suite", (("", *some.headers[0]),), in_groups(lines), some.notes, text_columns=3)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, "Measure the forms in which models leave the suite.", profile="whose trainings")

@@ -123,6 +123,7 @@ class _Writer:
 PASSES = 2  # fits of one size, each with the vertices weighted by how far off the last one was
 STEP = 1 / 16  # sizes closer than this share count as equal: another fit costs more than it saves
 LEAST_WEIGHT = 0.03  # of a vertex that is exact, so that it stays exact
+LEFT_OUT = 1 / 4  # of the tolerance: how far frames may be from those that fits are sought in
 CHUNK_FLOATS = 4_000_000
 
 
@@ -137,19 +138,23 @@ class LowRank:
 
 def low_rank(offsets: Float32[np.ndarray, "t n 3"], tolerance_mm: float) -> LowRank:
     """Return a factorisation in which no vertex of any frame is further off than the tolerance (mm, above 0)."""
-    best, _ = _fit(offsets, 0, np.ones(offsets.shape[1]))
-    if best.error_mm <= tolerance_mm:
-        return best
-    low, most = 0, min(len(offsets), 3 * offsets.shape[1])
-    high, scale = min(8, most), np.ones(offsets.shape[1])
+    count, scale = offsets.shape[1], np.ones(offsets.shape[1])
+    still = float(_errors(offsets, *_nothing(offsets)).max())
+    if still <= tolerance_mm:
+        weights, shapes = _nothing(offsets)
+        return LowRank(weights, shapes, still)
+    basis = _basis(offsets, LEFT_OUT * tolerance_mm)
+    inside = (basis.T.astype(np.float32) @ offsets.reshape(len(offsets), -1)).reshape(-1, count, 3)
+    low, most = 0, basis.shape[1]
+    high = min(8, most)
     while True:
-        best, scale = _fit(offsets, high, scale)
+        best, scale = _fit(offsets, basis, inside, high, scale)
         if best.error_mm <= tolerance_mm or high == most:
             break
         low, high = high, min(2 * high, most)
     while high - low > max(1, STEP * high):
         middle = (low + high) // 2
-        trial, scale = _fit(offsets, middle, scale)
+        trial, scale = _fit(offsets, basis, inside, middle, scale)
         if trial.error_mm <= tolerance_mm:
             best, high = trial, middle
         else:
@@ -163,15 +168,47 @@ def follow(weights: Float32[np.ndarray, "t k"], values: Float32[np.ndarray, "t n
     return (solve @ values.reshape(len(values), -1)).reshape(weights.shape[1], *values.shape[1:])
 
 
-def _fit(offsets: np.ndarray, k: int, scale: Float[np.ndarray, " n"]) -> tuple[LowRank, Float[np.ndarray, " n"]]:
-    """Return the best fit of rank k and the vertices' next weights. scale: the weights to begin with."""
+def _nothing(offsets: np.ndarray) -> tuple[Float32[np.ndarray, "t 0"], Float32[np.ndarray, "0 n 3"]]:
     t, n, _ = offsets.shape
-    if k == 0:
-        shapes, weights = np.zeros((0, n, 3), np.float32), np.zeros((t, 0), np.float32)
-        return LowRank(weights, shapes, float(_errors(offsets, weights, shapes).max())), scale
+    return np.zeros((t, 0), np.float32), np.zeros((0, n, 3), np.float32)
+
+
+def _basis(offsets: np.ndarray, tolerance_mm: float) -> Float64[np.ndarray, "t r"]:
+    """Return orthonormal directions in which all frames lie, but for the tolerance: far fewer than there are frames."""
+    t, n, _ = offsets.shape
+    values, directions = np.linalg.eigh(_gram(offsets, np.ones(n)))
+    values, directions = np.maximum(values[::-1], 0.0), directions[:, ::-1]  # largest first
+    left = values.sum() - np.cumsum(values)  # squares of what is left out, summed over the frames
+    most = min(t, 3 * n)
+    r = int(np.searchsorted(-left, -t * tolerance_mm**2)) + 1
+    while True:
+        r = min(r, most)
+        basis = directions[:, :r]
+        shapes = basis.T.astype(np.float32) @ offsets.reshape(t, -1)
+        if r == most or _errors(offsets, basis.astype(np.float32), shapes.reshape(r, n, 3)).max() <= tolerance_mm:
+            return basis
+        r *= 2
+
+
+def _fit(
+    offsets: np.ndarray,
+    basis: Float64[np.ndarray, "t r"],
+    inside: Float32[np.ndarray, "r n 3"],
+    k: int,
+    scale: Float[np.ndarray, " n"],
+) -> tuple[LowRank, Float[np.ndarray, " n"]]:
+    """Return the best fit of rank k and the vertices' next weights.
+
+    offsets: (t, n, 3) mm
+    basis: that the fit's weights are sought in
+    inside: the offsets along it, mm
+    k: 1 to r
+    scale: the vertices' weights to begin with
+    """
+    t, n, _ = offsets.shape
     best = None
     for _ in range(PASSES):
-        directions = np.linalg.eigh(_gram(offsets, scale))[1][:, : -k - 1 : -1]  # (t, k), largest first
+        directions = basis @ np.linalg.eigh(_gram(inside, scale))[1][:, : -k - 1 : -1]  # (t, k), largest first
         shapes = np.ascontiguousarray(directions.T.astype(np.float32)) @ offsets.reshape(t, -1)
         size = np.abs(directions).max(0)
         weights = (directions / size).astype(np.float32)
@@ -185,7 +222,7 @@ def _fit(offsets: np.ndarray, k: int, scale: Float[np.ndarray, " n"]) -> tuple[L
 
 
 def _gram(offsets: np.ndarray, scale: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "t t"]:
-    """Return the products of the frames, with weighted vertices; in double precision, since its roots are needed."""
+    """Return the products of the rows, with weighted vertices; in double precision, since its roots are needed."""
     t, n, _ = offsets.shape
     gram = np.zeros((t, t))
     step = max(1, CHUNK_FLOATS // (3 * t))

@@ -339,18 +339,25 @@ def _extents(item: UsdPart, length: int) -> Float[np.ndarray, "t 2 3"]:
     elif item.weights is not None and item.shapes:
         moved = (_shaped(item, item.weights[k : k + CHUNK_FRAMES]) for k in range(0, length, CHUNK_FRAMES))
     else:
-        moved = (_shaped(item, row[None]) for row in np.eye(len(item.shapes)))
-        boxes = np.array([rest, *(vertices[0] for vertices in moved)]).reshape(-1, 3)
-        return np.repeat(_metres(np.stack([boxes.min(0), boxes.max(0)]))[None], frames, axis=0)
+        moved = (rest[_where(shape)] + shape.offsets for shape in item.shapes if len(shape.offsets))
+        ends = np.array([rest.min(0), rest.max(0), *(end for part in moved for end in (part.min(0), part.max(0)))])
+        return np.repeat(_metres(np.stack([ends.min(0), ends.max(0)]))[None], frames, axis=0)
     return np.concatenate([np.stack([_metres(part).min(1), _metres(part).max(1)], axis=1) for part in moved])
 
 
 def _shaped(item: UsdPart, weights: Float[np.ndarray, "t k"]) -> Float[np.ndarray, "t n 3"]:
-    out = np.repeat(item.part.vertices[None].astype(np.float64), len(weights), axis=0)
+    rest = item.part.vertices.astype(np.float64)
+    if all(shape.vertices is None for shape in item.shapes):
+        shapes = np.array([shape.offsets.reshape(-1) for shape in item.shapes], np.float64)
+        return rest + (weights @ shapes).reshape(-1, *rest.shape)
+    out = np.repeat(rest[None], len(weights), axis=0)
     for column, shape in zip(weights.T, item.shapes, strict=True):
-        where = slice(None) if shape.vertices is None else shape.vertices
-        out[:, where] += column[:, None, None] * shape.offsets
+        out[:, _where(shape)] += column[:, None, None] * shape.offsets
     return out
+
+
+def _where(shape: BlendShape) -> np.ndarray | slice:
+    return slice(None) if shape.vertices is None else shape.vertices
 
 
 def _write_controls(root: Usd.Prim, controls: ControlTrack) -> None:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from data_recipes.rig import Rig, frames_per_second, has_function
+from data_recipes.sampled.point_caches import states_unit
 from replicate.approximation.influence import FLOOR_MM, THRESHOLD_MM
 from replicate.approximation.samples import SampleSet, evaluate
 from replicate.engine.store import read_manifest
@@ -416,7 +417,10 @@ def _sentence(face: Face, metric: str, those: Sequence[Finding], names: str) -> 
 
 def unit_in_words(recipe: object) -> str:
     """Return how the unit of a character is known, from what its rig is built of, as `Face` has it."""
-    unit = getattr(getattr(recipe, "face", None), "unit", None)
+    face = getattr(recipe, "face", None)
+    unit = getattr(face, "unit", None)
     if unit is None:
         return "mm, as in all recipes"
+    if states_unit(Path(getattr(face, "mesh", ""))):
+        return f"the USD's own, and {unit} in files that state none"
     return "guessed from the size of what moves" if unit == "guess" else f"{unit}, as its face.toml says"

@@ -127,6 +127,12 @@ def test_a_function_that_is_not_there_is_named():
         sources.sources_digest("toys.nowhere:body")
 
 
+def test_packages_of_the_user_and_of_other_environments_are_no_sources_of_the_project(tmp_path, monkeypatch):
+    mine, theirs = tmp_path / "mine", tmp_path / "local/lib/python3.11/site-packages"
+    monkeypatch.setattr(sys, "path", [*sys.path, str(mine), str(theirs)])
+    assert mine in sources.project_roots() and theirs not in sources.project_roots()
+
+
 def test_looking_at_sources_imports_none_of_them():
     program = (
         "import sys; from replicate.base.code_hash import sources_digest;"

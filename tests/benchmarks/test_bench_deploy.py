@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from untrained_models import MESH, coarse_model
 from replicate.approximation.rigid import attach
 from replicate.base.exceptions import InputError
 from replicate.benchmarks import bench_deploy
-from replicate.benchmarks.bench_deploy import C99, FORMS, HALF, ONNX, SHAPES, deploy_table, forms_of
+from replicate.benchmarks.bench_deploy import C99, FORMS, HALF, ONNX, SHAPES, deploy_table, forms_card, forms_of
 from replicate.config import resolve
 from replicate.regional import model as regional_model
 
@@ -55,6 +56,10 @@ def test_sizes_times_and_errors_become_rows_and_a_table(tmp_path, monkeypatch):
         ("Regional (ours)", form) for form in FORMS if f"pose[{form}]" in values
     ]
     assert len(table.body[0]) == len(table.headers[0]) and "–" not in table.body[0]
+    card = forms_card([*rows, *(replace(row, character="toon") for row in rows)])
+    body = table.body
+    assert card.body == (*(("tiny", *line) for line in body), None, *(("toon", *line) for line in body))
+    assert len(card.headers[0]) == len(card.body[0])
 
 
 def test_methods_without_a_model_alone_are_refused_in_a_sentence():

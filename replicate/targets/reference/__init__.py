@@ -9,6 +9,7 @@ from data_recipes.recipe_paths import OUTSIDE
 from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.base.files import copy_file, write_text
+from replicate.benchmarks.bench_deploy import forms_card
 from replicate.benchmarks.bench_poses import health_card
 from replicate.benchmarks.bench_rig import speed_card
 from replicate.benchmarks.bench_train import steps_table
@@ -40,8 +41,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 KINDS = (".csv", ".json", ".npz", ".png")
-README, RESULTS, DATA_CARD, REPRODUCING = (
-    paths.ROOT / name for name in ("README.md", "RESULTS.md", "data_recipes/README.md", "REPRODUCING.md")
+README, RESULTS, DATA_CARD, REPRODUCING, ENGINES = (
+    paths.ROOT / name for name in ("README.md", "RESULTS.md", "data_recipes/README.md", "REPRODUCING.md", "ENGINES.md")
 )
 TABLE2 = reference_times.TARGET
 TRAINED = "teen"  # the character whose training steps REPRODUCING shows
@@ -198,6 +199,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "table3": (RESULTS, "table3.csv", lambda file: timing_table(read_results(file), times)),
         "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
         "table2_times": (REPRODUCING, manifest.NAME, lambda file: times_card(file.parent)),
+        "bench_deploy": (ENGINES, "bench_deploy.csv", lambda file: forms_card(read_results(file))),
         "bench_train": (REPRODUCING, "bench_train.csv", lambda file: steps_table(read_results(file), TRAINED)),
         "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
         "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
