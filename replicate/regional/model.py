@@ -180,7 +180,7 @@ class RegionalModel:
         self.vertices, self.layers = coverings([basis.vertices.numpy() for basis in bases])
         self._layers = [torch.from_numpy(layer) for layer in self.layers]
         self._components = [basis.components() for basis in bases]
-        self._means = [basis.means().flatten() for basis in bases]
+        self._means = [basis.means().flatten() for basis in self.bases]
 
     def offsets(self, params: Float[np.ndarray, "b m"]) -> Float32[np.ndarray, "b n 3"]:
         """Return full-mesh offsets (mm) for raw rig parameters; zero on vertices of no region."""

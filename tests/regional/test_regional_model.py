@@ -212,6 +212,15 @@ def test_the_loss_is_the_sum_of_the_regions_lengths():
     assert abs(float(model.regional_loss(error, membership)) - 3.5) < 1e-4
 
 
+def test_at_rest_nothing_moves_whatever_means_a_file_has():
+    free = regional_model(fine=(2, 5))
+    rest = GENERATOR.uniform(-1, 1, len(free.scale)).astype(np.float32)
+    params = (rest * free.scale.numpy())[None]
+    assert np.abs(free.offsets(params)).max() > 0.01
+    held = model.RegionalModel(free.network, free.bases, free.scale.numpy(), free.length, free.vertex_count, rest)
+    assert np.abs(held.offsets(params)).max() < 1e-5
+
+
 @pytest.mark.parametrize("count", [1, 4, 99])
 def test_a_model_with_fewer_shapes_moves_as_if_the_others_were_flat(count):
     whole = regional_model(fine=(2, 5))
