@@ -60,7 +60,7 @@ def are_unchanged(texts: dict[str, str]) -> bool:
 def _definitions(functions: str) -> tuple[tuple[str, str], ...]:
     definitions = []
     for function in functions.split(","):
-        module, _, name = function.strip().partition(":")
+        module, _, name = function.strip().partition("(")[0].partition(":")
         file = _module_file(module)
         if file is None:
             raise ValueError(f"{function.strip()}: there is no module {module} among the sources")

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -116,9 +116,11 @@ def stream_rng(seed: int, name: str, stream: str) -> np.random.Generator:
 
 
 def stage_function(function: str) -> Callable[..., Any]:
-    """Import and return the function "module:function", the first of several."""
-    module, _, name = function.split(",")[0].partition(":")
-    return getattr(importlib.import_module(module), name)
+    """Import and return the function "module:function", the first of several; "(word)" behind it is its argument."""
+    module, _, call = function.split(",")[0].partition(":")
+    name, _, word = call.rstrip(")").partition("(")
+    found = getattr(importlib.import_module(module), name)
+    return partial(found, word) if word else found
 
 
 def input_names(stages: tuple[Stage, ...]) -> dict[str, Stage]:

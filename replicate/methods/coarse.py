@@ -1,6 +1,7 @@
 """The coarse approximation: for each segment a CNN that makes a map of offsets, which the vertices read (§3.1)."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,11 +27,16 @@ def train(context: StageContext) -> None:
     train_on_segments(context, cnn.make_network, cnn.shape_facts(context.config.section), cnn.save)
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the coarse networks."""
+def load_trained(name: str, inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the coarse networks of the stage of this name."""
     from replicate.approximation.cnn import load_coarse
 
-    return load_coarse(inputs["coarse"])
+    return load_coarse(inputs[name])
+
+
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the coarse networks."""
+    return load_trained("coarse", inputs)
 
 
 def map_sizes(inputs: Mapping[str, Path]) -> dict[str, tuple[int, int]]:
@@ -55,7 +61,7 @@ METHOD = Method(
     "coarse",
     "Coarse",
     lambda plan: (stage(plan),),
-    model=load_model,
+    model=partial(load_trained, "coarse"),
     place=10,
     in_paper=True,
     colour="#E69F00",

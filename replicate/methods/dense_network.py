@@ -1,6 +1,7 @@
 """The dense baseline: a multilayer perceptron for each segment (§5.1)."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 from replicate.engine.stage import Stage, StageContext
@@ -21,18 +22,18 @@ def train(context: StageContext) -> None:
     train_on_segments(context, dense.make_network, dense.shape_facts(context.config.section), dense.save)
 
 
-def load_model(inputs: Mapping[str, Path]) -> Model:
-    """Return the dense networks."""
+def load_trained(name: str, inputs: Mapping[str, Path]) -> Model:
+    """Return the dense networks of the stage of this name."""
     from replicate.baselines.dense import load_dense
 
-    return load_dense(inputs["dense"])
+    return load_dense(inputs[name])
 
 
 METHOD = Method(
     "dense",
     "Dense",
     lambda plan: (stage(plan),),
-    model=load_model,
+    model=partial(load_trained, "dense"),
     place=30,
     in_paper=True,
     colour="#D55E00",

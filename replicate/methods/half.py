@@ -4,10 +4,7 @@ Nothing is trained: the weights of `coarse`, `refined` and `dense` are rounded t
 an engine does that reads such a file, and measured like any other model. Our method stores 8 and 16 bits.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from replicate.base.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
@@ -15,10 +12,6 @@ from replicate.engine.store import read_manifest
 from replicate.methods import coarse, dense_network, refined
 from replicate.methods.method import Method, variant
 from replicate.methods.plan import Plan
-
-if TYPE_CHECKING:
-    import replicate.approximation.model
-    import replicate.approximation.refinement
 
 NOTE = "Trained as the row without “16 bits”, then rounded to float16."
 WEIGHTS, DESCRIPTION = "weights.safetensors", "model.json"
@@ -75,33 +68,12 @@ def dense_stages(plan: Plan) -> tuple[Stage, ...]:
     return trained, stage(plan, DENSE, trained)
 
 
-def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the rounded coarse networks."""
-    from replicate.approximation.cnn import load_coarse
-
-    return load_coarse(inputs[COARSE])
-
-
-def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return both levels of networks, rounded."""
-    from replicate.approximation.refinement import load_refined
-
-    return load_refined(inputs[REFINED], load_coarse_model(inputs))
-
-
-def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the rounded dense networks."""
-    from replicate.baselines.dense import load_dense
-
-    return load_dense(inputs[DENSE])
-
-
 def _row(method: Method, name: str, place: float, **functions: object) -> Method:
     return variant(method, name, f"{method.label}, 16 bits", place, note=NOTE, **functions)
 
 
 METHODS = (
-    _row(coarse.METHOD, COARSE, 67, stages=coarse_stages, model=load_coarse_model),
-    _row(refined.METHOD, REFINED, 67.3, stages=refined_stages, model=load_refined_model),
-    _row(dense_network.METHOD, DENSE, 67.6, stages=dense_stages, model=load_dense_model),
+    _row(coarse.METHOD, COARSE, 67, stages=coarse_stages),
+    _row(refined.METHOD, REFINED, 67.3, stages=refined_stages),
+    _row(dense_network.METHOD, DENSE, 67.6, stages=dense_stages),
 )

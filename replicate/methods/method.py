@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -122,7 +123,10 @@ class Method:
 def variant(method: Method, name: str, label: str, place: float, **fields: object) -> Method:
     """Return a variant of a method, as a row that only METHODS can ask for and figures don't show.
 
-    fields: other fields of `Method` that differ. The facts of the varied method are left out.
+    fields: other fields of `Method` that differ. The facts of the varied method are left out, and a model that is read
+    by a stage's name is read by this one.
     """
-    ours = {"in_paper": False, "in_figures": False, "standard": False, "facts": None}
-    return replace(method, name=name, label=label, place=place, **ours, **fields)
+    ours: dict[str, object] = {"in_paper": False, "in_figures": False, "standard": False, "facts": None}
+    if isinstance(method.model, partial):
+        ours["model"] = partial(method.model.func, name)
+    return replace(method, name=name, label=label, place=place, **(ours | fields))

@@ -8,6 +8,7 @@ rig ─┬─ samples ──┬─ rigid ─┬─ coarse ──────┬�
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,13 @@ class Plan:
 
 
 def reference(function: Callable | None) -> str:
-    """Return "module:function" of a function at the top of its module; raise ValueError for None."""
+    """Return "module:function" of a function at the top of its module; raise ValueError for None.
+
+    A function whose first argument is set, `partial(function, "word")`, gives "module:function(word)".
+    """
     if function is None:
         raise ValueError("expected a function at the top of a module, got None")
+    if isinstance(function, partial):
+        (word,) = function.args
+        return f"{reference(function.func)}({word})"
     return f"{function.__module__}:{function.__qualname__}"

@@ -14,23 +14,16 @@ What the text and the code say differently, unit of length, α and batch, is the
 `replicate.methods.released`.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from replicate.config import PROFILES, CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig
-from replicate.engine.stage import Stage, StageContext
+from replicate.engine.stage import Stage
 from replicate.methods import coarse, dense_network, refined
 from replicate.methods.method import Method, variant
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
-
-if TYPE_CHECKING:
-    import replicate.approximation.model
-    import replicate.approximation.refinement
 
 UNIT_MM = 1.0  # of the networks' outputs: millimetres, as they are
 READINGS = {  # of what the text leaves open, by the end of the methods' names
@@ -65,91 +58,13 @@ def stage(plan: Plan, kind: str, reading: str) -> Stage:
     training = plan.training(method.section(plan.config))
     if kind == "refinement":
         inputs = refined.inputs_of_refinement(plan, stage(plan, "coarse", reading))
-        return plan.stage(method.name, train_refined, training, *inputs)
+        return plan.stage(method.name, refined.train, training, *inputs)
     train = coarse.train if kind == "coarse" else dense_network.train
     return plan.stage(method.name, train, training, *inputs_of_networks(plan))
 
 
-def train_refined(context: StageContext) -> None:
-    """Train the refinement networks on what the coarse networks of the same reading leave (§3.2)."""
-    refined.train_on(context, _coarse_model(context.inputs, context.name.removeprefix("refined")))
-
-
 def _name(kind: str, reading: str) -> str:
     return f"{KINDS[kind].name}_printed{reading}"
-
-
-def _coarse_model(inputs: Mapping[str, Path], reading: str) -> "replicate.approximation.model.SegmentedModel":
-    from replicate.approximation.cnn import load_coarse
-
-    return load_coarse(inputs[f"coarse{reading}"])
-
-
-def _refined_model(inputs: Mapping[str, Path], reading: str) -> "replicate.approximation.refinement.RefinedModel":
-    from replicate.approximation.refinement import load_refined
-
-    return load_refined(inputs[f"refined{reading}"], _coarse_model(inputs, reading))
-
-
-def _dense_model(inputs: Mapping[str, Path], reading: str) -> "replicate.approximation.model.SegmentedModel":
-    from replicate.baselines.dense import load_dense
-
-    return load_dense(inputs[f"dense{reading}"])
-
-
-# A loader for each row: worker processes find it by its name.
-
-
-def load_coarse(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the coarse networks of the first reading."""
-    return _coarse_model(inputs, "_printed")
-
-
-def load_refined(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return both levels of networks of the first reading."""
-    return _refined_model(inputs, "_printed")
-
-
-def load_dense(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the dense networks of the first reading."""
-    return _dense_model(inputs, "_printed")
-
-
-def load_coarse_ranges(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the coarse networks that see Ray's ranges."""
-    return _coarse_model(inputs, "_printed_ranges")
-
-
-def load_refined_ranges(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return both levels of networks that see Ray's ranges."""
-    return _refined_model(inputs, "_printed_ranges")
-
-
-def load_dense_ranges(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the dense networks that see Ray's ranges."""
-    return _dense_model(inputs, "_printed_ranges")
-
-
-def load_coarse_code(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the coarse networks with ranges and first weights of the released code."""
-    return _coarse_model(inputs, "_printed_code")
-
-
-def load_refined_code(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return both levels of networks with ranges and first weights of the released code."""
-    return _refined_model(inputs, "_printed_code")
-
-
-def load_dense_code(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the dense networks with ranges and first weights of the released code."""
-    return _dense_model(inputs, "_printed_code")
-
-
-LOADERS = {
-    "": {"coarse": load_coarse, "refinement": load_refined, "dense": load_dense},
-    "_ranges": {"coarse": load_coarse_ranges, "refinement": load_refined_ranges, "dense": load_dense_ranges},
-    "_code": {"coarse": load_coarse_code, "refinement": load_refined_code, "dense": load_dense_code},
-}
 
 
 def _row(kind: str, reading: str, place: float) -> Method:
@@ -161,7 +76,6 @@ def _row(kind: str, reading: str, place: float) -> Method:
         f"{KINDS[kind].label}, {label}",
         place,
         stages=lambda plan: tuple(stage(plan, each, reading) for each in kinds),
-        model=LOADERS[reading][kind],
         default_section=partial(section_of, kind, reading),
         note=f"Trained in full as the paper's text prints: {words}",
     )

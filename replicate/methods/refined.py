@@ -1,6 +1,7 @@
 """The full approximation: the coarse networks, and finer maps over a few squares for the rest (§3.2, §3.3)."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,8 +29,8 @@ def inputs_of_refinement(plan: Plan, coarse_stage: Stage) -> tuple[Stage, ...]:
 
 
 def train(context: StageContext) -> None:
-    """Train the refinement networks on what the coarse ones leave (§3.2)."""
-    train_on(context, coarse.load_model(context.inputs))
+    """Train the refinement networks on what the coarse ones leave (§3.2); a variant's on those of its variant."""
+    train_on(context, coarse.load_trained(_coarse_beside(context.name), context.inputs))
 
 
 def train_on(context: StageContext, coarse_model: "replicate.approximation.model.SegmentedModel") -> None:
@@ -53,11 +54,20 @@ def train_on(context: StageContext, coarse_model: "replicate.approximation.model
     write_training(context, model, log)
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return the coarse and the refinement networks."""
+def load_trained(name: str, inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
+    """Return the refinement networks of the stage of this name, and the coarse ones that they were trained on."""
     from replicate.approximation.refinement import load_refined
 
-    return load_refined(inputs["refined"], coarse.load_model(inputs))
+    return load_refined(inputs[name], coarse.load_trained(_coarse_beside(name), inputs))
+
+
+def _coarse_beside(name: str) -> str:
+    return name.replace("refined", "coarse", 1)
+
+
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
+    """Return the coarse and the refinement networks."""
+    return load_trained("refined", inputs)
 
 
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Metric]:
@@ -74,7 +84,7 @@ METHOD = Method(
     "refined",
     "Refined",
     lambda plan: (coarse.stage(plan), stage(plan)),
-    model=load_model,
+    model=partial(load_trained, "refined"),
     place=20,
     in_paper=True,
     colour="#0072B2",

@@ -8,22 +8,17 @@ with 50, which is Eq. 1 with α = 5/3 of the unit in millimetres. `make bench-re
 The number of samples and of steps is the profile's.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from replicate.base.schema import read_table
 from replicate.config import PROFILES, CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig, TrainingConfig
-from replicate.engine.stage import Stage, StageContext
+from replicate.engine.stage import Stage
 from replicate.methods import coarse, dense_network, refined
 from replicate.methods.method import Method, variant
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
-
-if TYPE_CHECKING:
-    import replicate.approximation.model
-    import replicate.approximation.refinement
 
 UNIT_MM = 450.0  # of Ray's rig: the noise of its control points is 0.01 units in the code and 4.5 mm in the paper
 NORMAL_WEIGHT = 50 / 3 / 10 * UNIT_MM  # α of Eq. 1, with positions in mm
@@ -75,7 +70,7 @@ def coarse_stage(plan: Plan) -> Stage:
 
 def refined_stage(plan: Plan) -> Stage:
     """Return the stage that trains the refinement networks."""
-    return _stage(plan, REFINED, train_refined, refined.inputs_of_refinement(plan, coarse_stage(plan)))
+    return _stage(plan, REFINED, refined.train, refined.inputs_of_refinement(plan, coarse_stage(plan)))
 
 
 def dense_stage(plan: Plan) -> Stage:
@@ -93,45 +88,11 @@ def _stage(plan: Plan, name: str, function: Callable, inputs: tuple[Stage, ...])
     return plan.stage(name, function, plan.training(method.section(plan.config)), *inputs)
 
 
-def train_refined(context: StageContext) -> None:
-    """Train the refinement networks on what the coarse ones leave (§3.2)."""
-    refined.train_on(context, load_coarse_model(context.inputs))
-
-
-def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the coarse networks."""
-    from replicate.approximation.cnn import load_coarse
-
-    return load_coarse(inputs[COARSE])
-
-
-def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return both levels of networks."""
-    from replicate.approximation.refinement import load_refined
-
-    return load_refined(inputs[REFINED], load_coarse_model(inputs))
-
-
-def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the dense networks of the released widths."""
-    from replicate.baselines.dense import load_dense
-
-    return load_dense(inputs[DENSE])
-
-
-def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the dense networks of the paper's widths."""
-    from replicate.baselines.dense import load_dense
-
-    return load_dense(inputs[NARROW])
-
-
 def _released(
     method: Method,
     name: str,
     place: float,
     default_section: Callable,
-    model: Callable,
     *stages: Callable[[Plan], Stage],
 ) -> Method:
     return variant(
@@ -140,7 +101,6 @@ def _released(
         f"{method.label}, released recipe{', 256/256' if name == NARROW else ''}",
         place,
         stages=lambda plan: tuple(stage(plan) for stage in stages),
-        model=model,
         default_section=default_section,
         note=NOTE,
         mark="¤",
@@ -148,8 +108,8 @@ def _released(
 
 
 METHODS = (
-    _released(coarse.METHOD, COARSE, 61, coarse_section, load_coarse_model, coarse_stage),
-    _released(refined.METHOD, REFINED, 62, own_refined, load_refined_model, coarse_stage, refined_stage),
-    _released(dense_network.METHOD, DENSE, 63, dense_section, load_dense_model, dense_stage),
-    _released(dense_network.METHOD, NARROW, 64, own_narrow, load_narrow_model, narrow_stage),
+    _released(coarse.METHOD, COARSE, 61, coarse_section, coarse_stage),
+    _released(refined.METHOD, REFINED, 62, own_refined, coarse_stage, refined_stage),
+    _released(dense_network.METHOD, DENSE, 63, dense_section, dense_stage),
+    _released(dense_network.METHOD, NARROW, 64, own_narrow, narrow_stage),
 )

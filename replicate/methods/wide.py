@@ -8,22 +8,17 @@ once, on validation poses, for all characters: `make bench-decoder` compares the
 channels, so that a step takes about three times as long as one of `coarse`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from replicate.base.schema import read_table
 from replicate.config import PROFILES, CoarseConfig, RefinementConfig
-from replicate.engine.stage import Stage, StageContext
+from replicate.engine.stage import Stage
 from replicate.methods import coarse, refined
 from replicate.methods.method import variant
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
-
-if TYPE_CHECKING:
-    import replicate.approximation.model
-    import replicate.approximation.refinement
 
 HIDDEN, CHANNELS = (256, 2_048), 32
 COARSE, REFINED, LONGER = "coarse_wide", "refined_wide", "coarse_longer"
@@ -64,7 +59,7 @@ def coarse_stage(plan: Plan) -> Stage:
 
 def refined_stage(plan: Plan) -> Stage:
     """Return the stage that trains the refinement networks."""
-    return _stage(plan, REFINED, train_refined, refined.inputs_of_refinement(plan, coarse_stage(plan)))
+    return _stage(plan, REFINED, refined.train, refined.inputs_of_refinement(plan, coarse_stage(plan)))
 
 
 def longer_stage(plan: Plan) -> Stage:
@@ -77,32 +72,6 @@ def _stage(plan: Plan, name: str, function: Callable, inputs: tuple[Stage, ...])
     return plan.stage(name, function, plan.training(method.section(plan.config)), *inputs)
 
 
-def train_refined(context: StageContext) -> None:
-    """Train the refinement networks on what the coarse ones leave (§3.2)."""
-    refined.train_on(context, load_coarse_model(context.inputs))
-
-
-def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the coarse networks."""
-    from replicate.approximation.cnn import load_coarse
-
-    return load_coarse(inputs[COARSE])
-
-
-def load_longer_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the coarse networks that were trained for longer."""
-    from replicate.approximation.cnn import load_coarse
-
-    return load_coarse(inputs[LONGER])
-
-
-def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return both levels of networks."""
-    from replicate.approximation.refinement import load_refined
-
-    return load_refined(inputs[REFINED], load_coarse_model(inputs))
-
-
 METHODS = (
     variant(
         coarse.METHOD,
@@ -110,7 +79,6 @@ METHODS = (
         "Coarse, wide",
         66,
         stages=lambda plan: (coarse_stage(plan),),
-        model=load_coarse_model,
         default_section=coarse_section,
         note=NOTE,
         mark="△",
@@ -121,7 +89,6 @@ METHODS = (
         "Refined, wide",
         66.5,
         stages=lambda plan: (coarse_stage(plan), refined_stage(plan)),
-        model=load_refined_model,
         default_section=refined_section,
         note=NOTE,
         mark="△",
@@ -132,7 +99,6 @@ METHODS = (
         "Coarse, longer",
         65.5,
         stages=lambda plan: (longer_stage(plan),),
-        model=load_longer_model,
         default_section=longer_section,
         note="The coarse networks, trained for the steps of both levels.",
     ),

@@ -11,7 +11,7 @@ from replicate.approximation.model_size import cnn_weights
 from replicate.approximation.refinement import square_segments
 from replicate.approximation.segments import save_segments
 from replicate.config import TrainingConfig, resolve
-from replicate.methods import artefacts, coarse, wide
+from replicate.methods import artefacts, coarse, refined, wide
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan, TrainingSettings
 from replicate.report.results import read_log
@@ -57,7 +57,7 @@ def test_both_levels_are_read_as_they_were_trained(tmp_path):
     inputs["selection"].mkdir()
     save_segments(squares, inputs["selection"] / artefacts.SQUARES)
     section = replace(wide.refined_section("quick"), **(shape | {"map_size": 32}))
-    inputs, notes = run_stage(wide.train_refined, inputs, "refined_wide", TrainingSettings(section, 0, "cpu"), tmp_path)
+    inputs, notes = run_stage(refined.train, inputs, "refined_wide", TrainingSettings(section, 0, "cpu"), tmp_path)
     assert notes["size_mb"] > 4e-6 * weights, "both levels count"
     samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method_named("refined_wide"), inputs, samples.validation_params)
