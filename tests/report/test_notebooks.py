@@ -101,6 +101,9 @@ def test_a_notebook_is_a_page_to_lecture_from(path):
         imports = [line for line in cell["source"].splitlines() if re.match(r"(from \S+ )?import ", line)]
         assert len(imports) <= MOST_IMPORTS, f"cell {cell['id']} imports what cells below it use"
     assert not any("sys.path" in cell["source"] for cell in code), "the kernel finds the suite by itself"
+    lines = [line for cell in cells(path, "markdown") for line in cell["source"].splitlines()]
+    headings = [line for line in lines if line.startswith("#")]
+    assert len(set(headings)) == len(headings), "a heading stands twice"
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.stem not in GUIDES], ids=lambda path: path.stem)
