@@ -28,32 +28,37 @@ from replicate.benchmarks.common import (
     add_count,
     add_only,
     answer,
+    bench_folder,
     cell,
     in_groups,
     make_parser,
     make_stages,
     publish,
+    save_picture,
     selected,
     split_names,
 )
-from replicate.benchmarks.variants import COLUMNS, Variant, train_variants, variants_tables
+from replicate.benchmarks.variants import COLUMNS, SIZE_PT, Variant, train_variants, variants_tables
 from replicate.config import CoarseConfig, Config, resolve
+from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, tidy
 from replicate.engine.stage import Stage, StageContext
 from replicate.engine.store import artefact_folder, read_manifest
 from replicate.methods import artefacts
 from replicate.methods.method_registry import method_named, sections
 from replicate.methods.plan import Plan, TrainingSettings
 from replicate.methods.training_stage import LOG, inputs_of_networks
-from replicate.report.results import Row, characters_of
+from replicate.report.results import Row, characters_of, read_results
 from replicate.report.tables import Table
 
 if TYPE_CHECKING:
+    import matplotlib.figure
+
     import replicate.approximation.model
     import replicate.approximation.samples
     import replicate.approximation.segments
 
 ABOUT = "what limits the paper's networks: their decoders, their widths or their steps"
-WRITES = "results/runs/bench/bench_decoder.csv"
+WRITES = "results/runs/bench/bench_decoder.csv, bench_decoder_<character>.png"
 TABLE = "bench_decoder"
 STEPS = 4_000
 POSES, CODED = (8, 64, 512), 512  # training poses that are learned by heart; those that have free codes
@@ -72,6 +77,23 @@ METRICS = {  # metric → unit, header
     "fitted_normal_error": ("deg", "fitted: degrees"),
     "fitted_floor": ("deg", "maps' floor, degrees"),
 }
+
+FLOOR = "The maps' floor"
+STROKES = {  # colour and dashes of a chart's lines
+    "CNN": ("#E69F00", "-"),
+    "CNN, wider": ("#E69F00", (0, (2, 1.5))),
+    "CNN, free codes": ("#009E73", "-"),
+    "Dense": ("#D55E00", "-"),
+    "Regional (ours)": ("#0072B2", "-"),
+    FLOOR: ("#777777", (0, (1, 2))),
+    "Decoder's floor": ("#009E73", (0, (1, 2))),
+}
+CAPTION = (
+    "Normal errors of {character}'s networks. Left: trained on a few poses alone, and measured on these very poses; "
+    "with free codes each pose has numbers of its own in place of the dense layers. Right: trained on all samples, and "
+    "measured on validation poses; the decoder's floor is what the best numbers for each of these poses give, with "
+    "convolutions that free codes trained. Wider: 2,048 numbers and 32 channels in place of 512 and 16."
+)
 
 
 def widths(start: int, channels: int) -> str:
@@ -326,6 +348,70 @@ def _few_table(rows: Sequence[Row], character: str) -> Table:
     return Table(f"Few poses: {character}", (header,), in_groups(lines), (note,), text_columns=2)
 
 
+def decoder_chart(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): normal errors against poses learned by heart, and against the steps of a training."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+    values = {(r.method, r.metric): r.value for r in rows if r.table == TABLE and r.character == character}
+    narrow, wide = widths(STARTS[0], CHANNELS[0]), widths(STARTS[-1], CHANNELS[1])
+
+    def found(method: str, metric: str, changes: dict[int, str]) -> dict[int, float]:
+        keys = {x: (method, f"{metric}[{change}]") for x, change in changes.items()}
+        return {x: values[key] for x, key in keys.items() if key in values}
+
+    def poses(decoder: str = "") -> dict[int, str]:
+        return {count: ", ".join(filter(None, (f"{count} poses", decoder))) for count in POSES}
+
+    steps, few, validation = {k: times_words(k) for k in TIMES}, "few_normal_error", "validation_normal_error"
+    by_heart = {
+        "CNN": found("coarse", few, poses(narrow)),
+        "CNN, wider": found("coarse", few, poses(wide)),
+        "CNN, free codes": found("coarse", few, {CODED: f"free codes, {narrow}"}),
+        "Dense": found("dense", few, poses()),
+        FLOOR: found("coarse", "few_floor", poses(narrow)),
+    }
+    longer = {
+        "CNN": found("coarse", validation, steps),
+        "CNN, wider": found("coarse", validation, {1: wide}),
+        "Dense": found("dense", validation, steps),
+        "Regional (ours)": found("regional", validation, steps),
+    }
+    level = found("coarse", "fitted_normal_error", dict.fromkeys(TIMES, f"free codes, {narrow}"))
+    longer |= {"Decoder's floor": level} if level else {}
+    # the chart
+    figure = Figure((WIDTH, 0.46 * WIDTH), dpi=DPI, layout="constrained")
+    axes_labels = ("training poses, learned by heart", "steps, as many times the short schedule")
+    for axes, lines, label in zip(figure.subplots(1, 2), (by_heart, longer), axes_labels, strict=True):
+        for name, line in lines.items():
+            colour, dashes = STROKES[name]
+            axes.loglog([*line], [*line.values()], "o", linestyle=dashes, color=colour, label=name if line else None)
+        ticks = sorted({x for line in lines.values() for x in line})
+        axes.set_xticks(ticks, [f"{x}" for x in ticks])
+        axes.minorticks_off()
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.set_xlabel(label)
+        tidy(axes)
+        enlarge(axes, SIZE_PT)
+        if any(lines.values()):
+            axes.legend(frameon=False, fontsize=SIZE_PT - 2)
+    figure.axes[0].set_ylabel("normal error on these poses, degrees")
+    figure.axes[1].set_ylabel("normal error on unseen poses, degrees")
+    return figure, Words(_in_words(character, by_heart, longer), CAPTION.format(character=character))
+
+
+def _in_words(character: str, *panels: dict[str, dict[int, float]]) -> str:
+    """Return the numbers of a chart, for those who can't see it."""
+    told = []
+    for lines in panels:
+        shown = (
+            f"{name} {', '.join(f'{y:.2g}° at {x}' for x, y in line.items())}" for name, line in lines.items() if line
+        )
+        told.append("; ".join(shown))
+    return f"Two line charts of normal errors of {character}. By heart: {told[0]}. On unseen poses: {told[1]}."
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
     parser = make_parser(TABLE, __doc__, profile="whose samples and settings")
@@ -338,6 +424,8 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     for character in split_names(options.characters):
         rows = compare(character, options)
         publish(TABLE, rows, decoder_tables(rows), command_line, in_part=bool(options.only))
+        rows = read_results(bench_folder() / f"{TABLE}.csv")  # those of earlier calls too
+        save_picture(f"{TABLE}_{character}", decoder_chart(rows, character))
 
 
 def compare(character: str, options: argparse.Namespace) -> list[Row]:

@@ -23,7 +23,8 @@ def reference(tmp_path, monkeypatch):
     monkeypatch.setattr(paths, "REFERENCE", tmp_path)
     monkeypatch.setattr(pictures, "git_state", lambda: {"commit": "d" * 40, "clean": True})
     write_results(tmp_path / "table2.csv", table2_rows(("teen",)))
-    write_results(tmp_path / "bench_ladder.csv", [])
+    for name in ("bench_decoder", "bench_ladder"):
+        write_results(tmp_path / f"{name}.csv", [])
     write_results(tmp_path / "bench_roofline.csv", roofline_rows())
     manifest.write_entries(tmp_path, "bench_roofline", {"teen": ENTRY})
     write_curves(tmp_path / "table2_curves.csv", {("teen", "dense"): ((1.0, 2.0, 3.0, 4.0),) * 2})

@@ -1,7 +1,7 @@
 """Draw committed pictures anew from committed numbers, after their layout has changed.
 
 `python -m replicate.targets.reference.pictures teen woman` draws those of some characters, by default of all:
-the figures of Table 2, Figure 1, the ladder and the roofline. It needs no cache, no network and no rig. The manifest
+the figures of Table 2, Figure 1, and charts of benchmarks. It needs no cache, no network and no rig. The manifest
 then names the commit at which pictures were drawn; its facts about the numbers stay. The numbers of Figures 1, 9 and 10
 are written anew with their pictures.
 """
@@ -17,6 +17,7 @@ import numpy as np
 from replicate.base import paths
 from replicate.base.command_line import guard
 from replicate.base.exceptions import InputError
+from replicate.benchmarks.bench_decoder import decoder_chart
 from replicate.benchmarks.bench_ladder import ladder_figure
 from replicate.benchmarks.bench_roofline import roofline_figure
 from replicate.benchmarks.common import merge
@@ -32,7 +33,11 @@ from replicate.targets.reference.times import TARGET
 from replicate.targets.table2.charts import open_table2, table2_figures
 from replicate.targets.table2.rows import CURVES
 
-CHARTS = ("bench_ladder", "bench_roofline")  # benchmarks whose charts are drawn from their rows
+CHARTS = {  # of benchmarks, drawn from their rows
+    "bench_decoder": decoder_chart,
+    "bench_ladder": ladder_figure,
+    "bench_roofline": roofline_figure,
+}
 OF_A_POSE = ("figure01", "figure09", "figure10")  # targets whose pictures are drawn from Table 2's poses
 
 
@@ -115,7 +120,7 @@ def _of_table2(characters: Collection[str]) -> list[Path]:
 
 def _charts(characters: Collection[str]) -> list[Path]:
     files = []
-    for target, chart in zip(CHARTS, (ladder_figure, roofline_figure), strict=True):
+    for target, chart in CHARTS.items():
         rows = read_results(paths.REFERENCE / f"{target}.csv")
         for head in dict.fromkeys(_head_of(row.character) for row in rows):
             if head in characters:
