@@ -7,7 +7,16 @@ import pytest
 from replicate.targets import reference
 
 TABLES = (
-    *("claims_in_brief", "claims", "table2_ratios", "table2", "table2_others", "table3", "table3_speed"),
+    *(
+        "claims_in_brief",
+        "claims",
+        "table2_ratios",
+        "table2",
+        "table2_others",
+        "table2_today",
+        "table3",
+        "table3_speed",
+    ),
     *("bench_deploy", "bench_poses", "bench_rig", "bench_train", "table2_times", "targets"),
 )
 

@@ -14,6 +14,7 @@ from replicate.report.results import Row, led_by, order_of, read_results, write_
 from replicate.report.tables import Table, as_html, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
 from replicate.targets.compare import compare, compare_folders
 from replicate.targets.table2.rows import (
+    beside_today,
     other_rigs,
     table2,
     table2_overview,
@@ -232,6 +233,17 @@ def test_rows_of_fewer_seeds_are_named_and_set_no_count_of_poses():
             assert note in text and ("fewer seeds" in text) + ("without ±" in text) == 1
     text = as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
     assert "fewer seeds" not in text and "without ±" not in text
+
+
+def test_what_is_used_today_stands_beside_the_papers_networks_on_characters_that_have_it():
+    rows = table2_rows(("teen", "toon"))
+    assert "There are no results of such methods." in as_markdown(beside_today(rows))
+    row = next(row for row in rows if row.character == "toon" and row.method == "coarse")
+    work = replace(row, method="morph", metric="multiplications", value=2.5e6, sd=None)
+    table = beside_today([*rows, replace(row, method="morph", metric="vertex_error_mean"), work])
+    assert table.headers[0][1:] == ("toon, mm", "toon, degrees", "toon, MB", "toon, million products a pose")
+    lines = {line[0]: line[1:] for line in table.body}
+    assert lines["Neural morphs"] == ("0.11", "–", "–", "2.50") and "Coarse" in lines and "Linear" not in lines
 
 
 def test_rigs_of_others_have_a_table_of_their_own():

@@ -29,7 +29,7 @@ from replicate.targets.reference.times import TIMED_TARGET as GPU_TIMES
 from replicate.targets.reference.times import is_of_gpu, put_gpu_times, times_card
 from replicate.targets.rig_report.shown import report_card
 from replicate.targets.table2.charts import redraw_charts
-from replicate.targets.table2.rows import other_rigs, standard_rows, table2_overview, table2_questions
+from replicate.targets.table2.rows import beside_today, other_rigs, standard_rows, table2_overview, table2_questions
 from replicate.targets.table3.shown import speed_table, timing_table
 
 
@@ -193,6 +193,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "claims_in_brief": (README, "claims.csv", claims_in_brief),
         "claims": (RESULTS, "claims.csv", overview),
         "table2_ratios": (RESULTS, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
+        "table2_today": (RESULTS, "table2.csv", lambda file: beside_today(read_results(file))),
         "table2_others": (RESULTS, "table2.csv", lambda file: other_rigs(read_results(file))),
         "table2": (RESULTS, "table2.csv", lambda file: table2_overview(standard_rows(read_results(file)), paper)),
         "table3_speed": (RESULTS, "table3.csv", lambda file: speed_table(read_results(file))),

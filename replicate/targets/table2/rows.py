@@ -176,6 +176,33 @@ def other_rigs(ours: Sequence[Row]) -> Table:
     return Table(heading, (header,), tuple(body), about)
 
 
+# What studios use today, and regression, beside the paper's networks in both precisions and our method.
+TODAY = ("morph", "morph_best", "differential", "differential_small", "compskin", "compskin_best", "ridge_products")
+BESIDE = ("coarse", "refined", "dense", "coarse_half", "refined_half", "dense_half", "regional", "neutral")
+
+
+def beside_today(ours: Sequence[Row]) -> Table:
+    """Return mean errors, sizes and multiplications of what is used today, of the characters that have such rows."""
+    rows = [row for row in ours if row.table == "table2"]
+    characters = characters_of(row for row in rows if row.method in TODAY and row.method != "ridge_products")
+    present = [m for m in in_order({row.method for row in rows if row.character in characters}) if m in TODAY + BESIDE]
+    metrics = (("vertex_error_mean", "mm", 1.0), ("normal_error_mean", "deg", 1.0))
+    metrics = (*metrics, ("model_size", "MB", 1.0), ("multiplications", "ratio", 1e-6))
+    body = []
+    for method in present:
+        cells = [method_named(method).title]
+        for character in characters:
+            for metric, unit, scale in metrics:
+                row = find(rows, "table2", character, method, metric)
+                cells.append(round_off(row.value * scale, unit, row.sd if scale == 1.0 else None) if row else "–")
+        body.append(tuple(cells))
+    columns = ("mm", "degrees", "MB", "million products a pose")
+    header = ("", *(f"{character}, {words}" for character in characters for words in columns))
+    heading = "What is used today, beside the paper's networks and ours: mean errors, size and work"
+    about = (_about(rows, None), *_notes(rows, present)) if body else ("There are no results of such methods.",)
+    return Table(heading, (header,), tuple(body), about)
+
+
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
     cells = [method_named(method).title]
     for kind, unit in (("vertex", "mm"), ("normal", "deg")):
