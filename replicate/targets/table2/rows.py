@@ -185,7 +185,8 @@ def beside_today(ours: Sequence[Row]) -> Table:
     """Return mean errors, sizes and multiplications of what is used today, of the characters that have such rows."""
     rows = [row for row in ours if row.table == "table2"]
     characters = characters_of(row for row in rows if row.method in TODAY and row.method != "ridge_products")
-    present = [m for m in in_order({row.method for row in rows if row.character in characters}) if m in TODAY + BESIDE]
+    rows = [row for row in rows if row.character in characters and row.method in TODAY + BESIDE]
+    present = in_order({row.method for row in rows})
     metrics = (("vertex_error_mean", "mm", 1.0), ("normal_error_mean", "deg", 1.0))
     metrics = (*metrics, ("model_size", "MB", 1.0), ("multiplications", "ratio", 1e-6))
     body = []
