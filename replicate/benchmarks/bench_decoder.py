@@ -78,21 +78,19 @@ METRICS = {  # metric → unit, header
     "fitted_floor": ("deg", "maps' floor, degrees"),
 }
 
-FLOOR = "The maps' floor"
+FLOOR, WIDER = "The maps' floor", "CNN, wider"
 STROKES = {  # colour and dashes of a chart's lines
     "CNN": ("#E69F00", "-"),
-    "CNN, wider": ("#E69F00", (0, (2, 1.5))),
+    WIDER: ("#E69F00", (0, (2, 1.5))),
     "CNN, free codes": ("#009E73", "-"),
     "Dense": ("#D55E00", "-"),
     "Regional (ours)": ("#0072B2", "-"),
     FLOOR: ("#777777", (0, (1, 2))),
-    "Decoder's floor": ("#009E73", (0, (1, 2))),
 }
 CAPTION = (
     "Normal errors of {character}'s networks. Left: trained on a few poses alone, and measured on these very poses; "
     "with free codes each pose has numbers of its own in place of the dense layers. Right: trained on all samples, and "
-    "measured on validation poses; the decoder's floor is what the best numbers for each of these poses give, with "
-    "convolutions that free codes trained. Wider: 2,048 numbers and 32 channels in place of 512 and 16."
+    "measured on validation poses. Wider: 2,048 numbers and 32 channels in place of 512 and 16."
 )
 
 
@@ -366,36 +364,39 @@ def decoder_chart(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figu
     steps, few, validation = {k: times_words(k) for k in TIMES}, "few_normal_error", "validation_normal_error"
     by_heart = {
         "CNN": found("coarse", few, poses(narrow)),
-        "CNN, wider": found("coarse", few, poses(wide)),
+        WIDER: found("coarse", few, poses(wide)),
         "CNN, free codes": found("coarse", few, {CODED: f"free codes, {narrow}"}),
         "Dense": found("dense", few, poses()),
         FLOOR: found("coarse", "few_floor", poses(narrow)),
     }
     longer = {
         "CNN": found("coarse", validation, steps),
-        "CNN, wider": found("coarse", validation, {1: wide}),
+        WIDER: found("coarse", validation, {1: wide}),
         "Dense": found("dense", validation, steps),
         "Regional (ours)": found("regional", validation, steps),
     }
-    level = found("coarse", "fitted_normal_error", dict.fromkeys(TIMES, f"free codes, {narrow}"))
-    longer |= {"Decoder's floor": level} if level else {}
     # the chart
     figure = Figure((WIDTH, 0.46 * WIDTH), dpi=DPI, layout="constrained")
     axes_labels = ("training poses, learned by heart", "steps, as many times the short schedule")
-    for axes, lines, label in zip(figure.subplots(1, 2), (by_heart, longer), axes_labels, strict=True):
+    for axes, lines, words in zip(figure.subplots(1, 2), (by_heart, longer), axes_labels, strict=True):
         for name, line in lines.items():
             colour, dashes = STROKES[name]
-            axes.loglog([*line], [*line.values()], "o", linestyle=dashes, color=colour, label=name if line else None)
+            marker = {"marker": "o"} if name != WIDER else {"marker": "s", "markerfacecolor": "white"}
+            label = name if line else None
+            axes.plot([*line], [*line.values()], linestyle=dashes, color=colour, label=label, **marker)
+        axes.set_xscale("log")
         ticks = sorted({x for line in lines.values() for x in line})
         axes.set_xticks(ticks, [f"{x}" for x in ticks])
         axes.minorticks_off()
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.set_xlabel(label)
+        axes.set_xlabel(words)
         tidy(axes)
         enlarge(axes, SIZE_PT)
         if any(lines.values()):
             axes.legend(frameon=False, fontsize=SIZE_PT - 2)
+    figure.axes[0].set_yscale("log")
+    figure.axes[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    figure.axes[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    figure.axes[1].set_ylim(bottom=0)
     figure.axes[0].set_ylabel("normal error on these poses, degrees")
     figure.axes[1].set_ylabel("normal error on unseen poses, degrees")
     return figure, Words(_in_words(character, by_heart, longer), CAPTION.format(character=character))

@@ -135,7 +135,6 @@ def test_the_chart_has_the_lines_that_are_there():
         *(row("coarse", f"few_normal_error[{poses} poses, {narrow}]", "deg", value) for poses, value in few.items()),
         row("coarse", "few_normal_error[8 poses, start 2048, 16 channels]", "deg", 77.0),
         row("dense", "few_normal_error[64 poses]", "deg", 0.01),
-        row("coarse", f"fitted_normal_error[free codes, {narrow}]", "deg", 0.7),
         row("coarse", "validation_normal_error[start 2048, 32 channels]", "deg", 0.92),
         *(row("dense", f"validation_normal_error[steps × {times}]", "deg", 1.0 / times) for times in (1, 2)),
     ]
@@ -146,7 +145,7 @@ def test_the_chart_has_the_lines_that_are_there():
     ]
     assert drawn == [
         {"CNN": [0.16, 0.9], "Dense": [0.01]},
-        {"CNN, wider": [0.92], "Dense": [1.0, 0.5], "Decoder's floor": [0.7] * 4},
+        {"CNN, wider": [0.92], "Dense": [1.0, 0.5]},
     ]
     assert "By heart: CNN 0.16° at 8, 0.9° at 64; Dense 0.01° at 64." in words.alt
 
