@@ -21,6 +21,7 @@ from replicate.base.user_files import read_text, read_toml, shown_path
 
 FACE_FILE, CONTROL_FILE = "face.toml", "controls.csv"
 MESH_ENDINGS = (".obj", ".ply", ".glb", ".gltf", *CACHE_ENDINGS)  # of the neutral
+STATING = (".usd", ".usda", ".usdc")  # of files that state their unit and axes
 MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
 FAR = 1e6  # the farthest place of the eyes, in the file's unit
 LONGEST_TEXT = 500  # characters of a source or licence
@@ -99,6 +100,11 @@ class FaceFile(Checked):
     eyes: tuple[float, ...] = numbers((), 3, -FAR, FAR, optional=True)
     rigid: tuple[str, ...] = names(what="segments")
     points: Points = Points()
+
+    @property
+    def states_unit(self) -> bool:
+        """Whether the mesh's file states its unit and axes itself, as a USD does."""
+        return self.mesh.lower().endswith(STATING)
 
     def __post_init__(self) -> None:
         super().__post_init__()

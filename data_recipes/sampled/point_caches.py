@@ -26,6 +26,7 @@ from data_recipes.sampled.face_file import (
     CONTROL_FILE,
     FACE_FILE,
     MM,
+    STATING,
     WITHOUT_REGION,
     ControlLine,
     FaceFile,
@@ -56,7 +57,7 @@ def is_cache(file: Path) -> bool:
 
 def states_unit(file: Path) -> bool:
     """Return whether a file states its unit and axes, by its name."""
-    return is_cache(file) and file.suffix.lower() != ALEMBIC
+    return file.suffix.lower() in STATING
 
 
 @dataclass(frozen=True)

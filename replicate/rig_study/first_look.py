@@ -15,7 +15,6 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from data_recipes.rig import Rig, frames_per_second, has_function
-from data_recipes.sampled.point_caches import states_unit
 from replicate.approximation.influence import FLOOR_MM, THRESHOLD_MM
 from replicate.approximation.samples import SampleSet, evaluate
 from replicate.engine.store import read_manifest
@@ -421,6 +420,6 @@ def unit_in_words(recipe: object) -> str:
     unit = getattr(face, "unit", None)
     if unit is None:
         return "mm, as in all recipes"
-    if states_unit(Path(getattr(face, "mesh", ""))):
+    if getattr(face, "states_unit", False):
         return f"the USD's own, and {unit} in files that state none"
     return "guessed from the size of what moves" if unit == "guess" else f"{unit}, as its face.toml says"

@@ -261,5 +261,5 @@ def test_the_unit_is_stated_or_guessed():
     assert unit_in_words(recipe) == "cm, as its face.toml says" and unit_in_words(object()) == "mm, as in all recipes"
     recipe.face.unit = "guess"
     assert "guessed" in unit_in_words(recipe)
-    recipe = type("Recipe", (), {"face": type("Face", (), {"unit": "mm", "mesh": "teen.usdc"})})
+    recipe = type("Recipe", (), {"face": type("Face", (), {"unit": "mm", "states_unit": True})})
     assert unit_in_words(recipe).startswith("the USD's own")
