@@ -138,13 +138,13 @@ class LowRank:
 
 def low_rank(offsets: Float32[np.ndarray, "t n 3"], tolerance_mm: float) -> LowRank:
     """Return a factorisation in which no vertex of any frame is further off than the tolerance (mm, above 0)."""
-    count, scale = offsets.shape[1], np.ones(offsets.shape[1])
-    still = float(_errors(offsets, *_nothing(offsets)).max())
+    t, n, _ = offsets.shape
+    nothing = np.zeros((t, 0), np.float32), np.zeros((0, n, 3), np.float32)
+    still = float(_errors(offsets, *nothing).max())
     if still <= tolerance_mm:
-        weights, shapes = _nothing(offsets)
-        return LowRank(weights, shapes, still)
-    basis = _basis(offsets, LEFT_OUT * tolerance_mm)
-    inside = (basis.T.astype(np.float32) @ offsets.reshape(len(offsets), -1)).reshape(-1, count, 3)
+        return LowRank(*nothing, still)
+    basis, scale = _basis(offsets, LEFT_OUT * tolerance_mm), np.ones(n)
+    inside = (basis.T.astype(np.float32) @ offsets.reshape(t, -1)).reshape(-1, n, 3)
     low, most = 0, basis.shape[1]
     high = min(8, most)
     while True:
@@ -166,11 +166,6 @@ def follow(weights: Float32[np.ndarray, "t k"], values: Float32[np.ndarray, "t n
     """Return the shapes (k, n, 3) that, with these weights, come closest to other values (normals, say) of the clip."""
     solve = np.linalg.pinv(weights.astype(np.float64)).astype(np.float32)
     return (solve @ values.reshape(len(values), -1)).reshape(weights.shape[1], *values.shape[1:])
-
-
-def _nothing(offsets: np.ndarray) -> tuple[Float32[np.ndarray, "t 0"], Float32[np.ndarray, "0 n 3"]]:
-    t, n, _ = offsets.shape
-    return np.zeros((t, 0), np.float32), np.zeros((0, n, 3), np.float32)
 
 
 def _basis(offsets: np.ndarray, tolerance_mm: float) -> Float64[np.ndarray, "t r"]:
