@@ -141,6 +141,9 @@ def training_curves(
         enlarge(axes)
     if ends:  # methods without training alone have no curve
         lines = axes.get_legend_handles_labels()
+        figure.set_figheight(
+            4.6 + 0.33 * max(0, -(-len(lines[0]) // 3) - 2)
+        )  # a third row of names takes no axis's room
         figure.legend(*lines, frameon=False, fontsize=LETTER_PT, ncols=3, loc="outside upper center")
     return figure, Words(
         f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
