@@ -1,5 +1,6 @@
 """Table 2 in pictures: every figure of it, from a folder of results alone."""
 
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,9 +142,8 @@ def training_curves(
         enlarge(axes)
     if ends:  # methods without training alone have no curve
         lines = axes.get_legend_handles_labels()
-        figure.set_figheight(
-            4.6 + 0.33 * max(0, -(-len(lines[0]) // 3) - 2)
-        )  # a third row of names takes no axis's room
+        rows_of_names = math.ceil(len(lines[0]) / 3)
+        figure.set_figheight(4.6 + 0.33 * max(0, rows_of_names - 2))  # or a third one takes the axes' room
         figure.legend(*lines, frameon=False, fontsize=LETTER_PT, ncols=3, loc="outside upper center")
     return figure, Words(
         f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
