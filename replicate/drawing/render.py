@@ -172,7 +172,10 @@ Picture = UInt8[np.ndarray, "h w 3"]
 
 @contextmanager
 def shared_pictures() -> Iterator[None]:
-    """Have this process and those that it starts draw each picture once while the context lasts."""
+    """Have this process and those that it starts draw each picture once while the outermost context lasts."""
+    if _shared() is not None:
+        yield
+        return
     before = os.environ.get(PLACE)
     with short_temporary_folder() as folder:
         os.environ[PLACE] = str(folder)
@@ -184,17 +187,22 @@ def shared_pictures() -> Iterator[None]:
                 os.environ[PLACE] = before
 
 
+def _shared() -> Path | None:
+    place = os.environ.get(PLACE)
+    return Path(place) if place and Path(place).is_dir() else None
+
+
 def drawn_once(draw: Callable[[], Picture], *contents: Any) -> Picture:
     """Return the picture of some contents, drawn if it is new; outside of `shared_pictures` it always is.
 
     contents: all that the picture depends on: numbers, texts, arrays, dataclasses and sequences of them.
     """
-    place = os.environ.get(PLACE)
-    if place is None or not Path(place).is_dir():
+    folder = _shared()
+    if folder is None:
         return draw()
     digest = hashlib.sha256()
     _digest_value(digest, contents)
-    file = Path(place) / f"{digest.hexdigest()}.npy"
+    file = folder / f"{digest.hexdigest()}.npy"
     if file.is_file():
         return np.load(file, allow_pickle=False)
     picture = draw()

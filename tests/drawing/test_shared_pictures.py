@@ -16,6 +16,12 @@ SQUARE = Surface(np.float32([[-20, -20, 0], [20, -20, 0], [20, 20, 0], [-20, 20,
 VIEW = Camera((0, 0, 0), 80)
 
 
+@pytest.fixture(autouse=True)
+def alone(monkeypatch):
+    """Without the folder that all tests share."""
+    monkeypatch.delenv(PLACE, raising=False)
+
+
 def grey(value):
     return np.full((2, 2, 3), value, np.uint8)
 
@@ -30,6 +36,14 @@ def test_a_picture_is_drawn_once_within_and_each_time_without():
         assert np.array_equal(drawn_once(draw_again, "a", 1), grey(1))
     with pytest.raises(AssertionError, match="second time"):
         drawn_once(draw_again, "a", 1)
+
+
+def test_a_context_within_another_has_its_pictures():
+    with shared_pictures():
+        drawn_once(lambda: grey(1), "a")
+        with shared_pictures():
+            drawn_once(draw_again, "a")
+        drawn_once(draw_again, "a")
 
 
 def test_another_process_takes_what_this_one_has_drawn():

@@ -132,8 +132,9 @@ def test_trained_on_the_rigs_derivatives_a_model_has_nearly_those_between_sample
     monkeypatch.setattr(derivatives, "derivative_batches", lambda rig, *both: [slopes_of_the_truth(*both)])
     inputs, errors = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 300)), {}
     params, directions = (rng.uniform(-0.8, 0.8, (2, 32, M))).astype(np.float32)
+    schedule = replace(SCHEDULE, steps=300)
     for weight in (0.0, 1.0):
-        section = replace(SECTION, derivatives=weight, hidden=(96, 96), components=40)
+        section = replace(SECTION, derivatives=weight, hidden=(96, 96), components=40, training=schedule)
         settings = TrainingSettings(section, 0, "cpu")
         (tmp_path / str(weight)).mkdir()
         run, _ = run_stage(regional.train, inputs, "regional", settings, tmp_path / str(weight))

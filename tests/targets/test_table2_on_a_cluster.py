@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+import rigs
 from toy_runs import dask_workers_at_work, processes_of, survivors, wait_for
 
 from replicate.base.paths import ROOT
@@ -29,7 +30,9 @@ def nothing_survives(tmp_path):
 
 def start(folder, *options):
     """Start Table 2 of two seeds with few steps, in a cache of its own."""
-    folder.mkdir(exist_ok=True)
+    if not folder.exists():
+        folder.mkdir()
+        rigs.put_into(folder / "cache")
     config = folder / "few.toml"
     config.write_text(FEW)
     command = [sys.executable, "-m", "replicate", "table2", "--profile", "quick", "--characters", "tiny"]
