@@ -19,7 +19,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 sys.modules["rfc3987_syntax"] = None  # jsonschema would let it build a grammar of addresses, which takes 2 s
 if (
     "PYTEST_XDIST_WORKER" not in os.environ
-):  # what one process of the tests compiles, builds or draws, all of them share
+):  # what one process compiles, builds or draws, all of them share
     folder = tempfile.mkdtemp(prefix="replicate-compiled-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["REPLICATE_TEST_RIGS"] = os.path.join(folder, "rigs")
