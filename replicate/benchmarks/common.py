@@ -325,7 +325,7 @@ def publish(
     characters, folder = {row.character for row in rows}, bench_folder()
     with alone(folder):
         merge(folder / f"{name}.csv", rows, lambda row: in_part or row.character not in characters)
-        note(name, characters, arguments)
+        note(name, characters, arguments, in_part=in_part)
 
 
 def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
@@ -338,15 +338,35 @@ def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
     write_results(file, [*others, *rows])
 
 
-def note(name: str, characters: Iterable[str], arguments: Sequence[str], seeds: Sequence[int] = (0,)) -> None:
-    """Note in the folder's manifest how <name>.csv's rows about some characters were made, and say so."""
+def note(
+    name: str,
+    characters: Iterable[str],
+    arguments: Sequence[str],
+    seeds: Sequence[int] = (0,),
+    in_part: bool = False,
+) -> None:
+    """Note in the folder's manifest how <name>.csv's rows about some characters were made, and say so.
+
+    in_part: whether rows of earlier commands are still there; they and their commits are noted as "earlier".
+    """
     folder = bench_folder()
     command = ["python", "-m", f"replicate.benchmarks.{name}", *arguments]
     facts = provenance(command, PROFILE, list(seeds), core_count())
     with alone(folder):
         before = manifest.entries(folder, name)
-        manifest.write_entries(folder, name, dict(sorted((before | dict.fromkeys(characters, facts)).items())))
+        parts = before if in_part else {}
+        now = {character: facts | _earlier(parts.get(character), facts["command"]) for character in characters}
+        manifest.write_entries(folder, name, dict(sorted((before | now).items())))
     print(f"written to {paths.display_path(folder)}: {name}.csv, {manifest.NAME}")
+
+
+def _earlier(entry: dict | None, command: str) -> dict[str, list]:
+    """Return the commands of a manifest's entry, before the new one, for the entry that takes its place."""
+    if entry is None:
+        return {}
+    last = {name: entry[name] for name in ("command", "git")}
+    parts = {part["command"]: part for part in (*entry.get("earlier", []), last)}
+    return {"earlier": [part for part in parts.values() if part["command"] != command]}
 
 
 def save_picture(name: str, picture: "tuple[matplotlib.figure.Figure, Words]") -> None:

@@ -21,8 +21,9 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "runs" / "bench"
 
 
-def publish(character: str) -> None:
-    common.publish(NAME, [Row(NAME, character, "dense", "time", "ms", 1.0, None, 1, 1, "bench", "run")], [], [])
+def publish(character: str, method: str = "dense", words=(), in_part: bool = False) -> None:
+    row = Row(NAME, character, method, "time", "ms", 1.0, None, 1, 1, "bench", "run")
+    common.publish(NAME, [row], [], words, in_part)
 
 
 def answer(body) -> int:
@@ -50,6 +51,19 @@ def test_two_benchmarks_that_write_at_once_lose_nothing(folder, monkeypatch, mod
     assert {row.character for row in read_results(folder / f"{NAME}.csv")} == {"teen", "tiny", "toon"}
     notes = json.loads((folder / "manifest.json").read_text())["targets"][NAME]
     assert set(notes["characters"]) == {"teen", "tiny", "toon"}
+
+
+def test_the_manifest_names_the_commands_of_all_parts_and_of_a_whole_run_its_own_alone(folder):
+    def parts():
+        entry = json.loads((folder / "manifest.json").read_text())["targets"][NAME]["characters"]["tiny"]
+        return [part["command"].split()[-1] for part in (*entry.get("earlier", []), entry)]
+
+    for method in ("linear", "dense", "coarse", "dense"):
+        publish("tiny", method, ["--only", method], in_part=True)
+    assert parts() == ["linear", "coarse", "dense"]
+    assert {row.method for row in read_results(folder / f"{NAME}.csv")} == {"linear", "dense", "coarse"}
+    publish("tiny", "dense", ["--characters", "tiny"])
+    assert parts() == ["tiny"]
 
 
 def test_a_place_that_can_not_be_written_ends_in_a_sentence_before_anything_is_measured(folder, capsys):
