@@ -53,8 +53,9 @@ def redraw(characters: Collection[str]) -> list[Path]:
     for target in (manifest.TOP, *OF_A_POSE, *CHARTS):
         entries = manifest.entries(paths.REFERENCE, target)
         for name in entries:
-            if _head_of(name) in characters:
-                source = {} if target in CHARTS else {"from": f"table2_{name}_pose*.npz"}
+            if (_head_of(name) if target in CHARTS else name) in characters:
+                has_poses = target not in CHARTS and pose_file(paths.REFERENCE, name, FOLDED).is_file()
+                source = {"from": f"table2_{name}_pose*.npz"} if has_poses else {}
                 entries[name][manifest.DRAWN] = state | source
         if entries:
             manifest.write_entries(paths.REFERENCE, target, entries)
