@@ -186,22 +186,21 @@ def beside_today(ours: Sequence[Row]) -> Table:
     rows = [row for row in ours if row.table == "table2"]
     characters = characters_of(row for row in rows if row.method in TODAY and row.method != "ridge_products")
     rows = [row for row in rows if row.character in characters and row.method in TODAY + BESIDE]
-    present = in_order({row.method for row in rows})
     metrics = (("vertex_error_mean", "mm", 1.0), ("normal_error_mean", "deg", 1.0))
     metrics = (*metrics, ("model_size", "MB", 1.0), ("multiplications", "ratio", 1e-6))
     body = []
-    for method in present:
-        cells = [method_named(method).title]
-        for character in characters:
+    for character in characters:
+        for method in in_order({row.method for row in rows if row.character == character}):
+            cells = [character, method_named(method).title]
             for metric, unit, scale in metrics:
                 row = find(rows, "table2", character, method, metric)
                 cells.append(round_off(row.value * scale, unit, row.sd if scale == 1.0 else None) if row else "–")
-        body.append(tuple(cells))
-    columns = ("mm", "degrees", "MB", "million products a pose")
-    header = ("", *(f"{character}, {words}" for character in characters for words in columns))
+            body.append(tuple(cells))
+    present = in_order({row.method for row in rows})
+    header = ("", "", "mm", "degrees", "MB", "million products a pose")
     heading = "What is used today, beside the paper's networks and ours: mean errors, size and work"
     about = (_about(rows, None), *_notes(rows, present)) if body else ("There are no results of such methods.",)
-    return Table(heading, (header,), tuple(body), about)
+    return Table(heading, (header,), tuple(body), about, text_columns=2)
 
 
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
