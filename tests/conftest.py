@@ -17,9 +17,7 @@ for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of 
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 sys.modules["rfc3987_syntax"] = None  # jsonschema would let it build a grammar of addresses, which takes 2 s
-if (
-    "PYTEST_XDIST_WORKER" not in os.environ
-):  # what one process compiles, builds or draws, all of them share
+if "PYTEST_XDIST_WORKER" not in os.environ:  # what one process compiles, builds or draws, all of them share
     folder = tempfile.mkdtemp(prefix="replicate-compiled-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["REPLICATE_TEST_RIGS"] = os.path.join(folder, "rigs")
