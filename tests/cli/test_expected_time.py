@@ -95,8 +95,8 @@ def test_the_committed_results_know_the_times_of_all_rows():
     config = resolve("teen", "laptop", sections=sections("laptop"))
     graph = in_order(stages(Plan(config), choose(["all"], config)))
     line = foresee(graph, 2, REFERENCE)[0]
-    assert "about" in line and "unknown" not in line.removesuffix("; without lines, waves, whose times are unknown"), (
-        "the lines beside networks and the mesh's waves are stages that the reference results don't have yet"
+    assert "about" in line and "unknown" not in line.removesuffix("; without lines, whose times are unknown"), (
+        "the lines beside networks are a stage that the reference results don't have yet"
     )
     assert work(stage_of("lbs16", "teen")) > work(replace(stage_of("lbs16", "teen", "quick")))
 
