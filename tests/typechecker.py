@@ -1,4 +1,7 @@
-"""beartype as the tests use it: a whole number may stand where a float is asked for (PEP 484)."""
+"""beartype as the tests use it: a whole number may stand where a float is asked for (PEP 484).
+
+Shapes are checked at a function's first calls alone, for they cost more than many a function.
+"""
 
 import functools
 import inspect

@@ -30,7 +30,7 @@ from replicate.targets.figure01 import figure01
 from replicate.targets.figure10 import LIMIT_DEG, figure10, picture_name
 from replicate.targets.pose_numbers import rows_of
 from replicate.targets.reference.times import TARGET
-from replicate.targets.table2.charts import open_table2, table2_chart, table2_figures, training_curves
+from replicate.targets.table2.charts import open_table2, redraw_charts, table2_figures
 from replicate.targets.table2.rows import CURVES
 
 CHARTS = {  # of benchmarks, drawn from their rows
@@ -108,18 +108,15 @@ def _of_table2(characters: Collection[str]) -> list[Path]:
         if character not in characters:
             continue
         if character not in results.poses:  # a face from elsewhere: its meshes are not committed
-            figures = [
-                (f"table2_{character}_chart", *table2_chart(results.rows, results.paper, character)),
-                (f"table2_{character}_curves", *training_curves(results.curves, results.rows, character)),
-            ]
-        else:
-            figures = list(table2_figures(results, character, LIMIT_DEG))
-            record = results.poses[character][FOLDED]
-            close = picture_name(record, "forehead")
-            if (paths.REFERENCE / f"{close}.png").is_file():
-                figures.append((close, *figure10(record, LIMIT_DEG, "forehead")))
-            if (paths.REFERENCE / f"figure01_{character}.png").is_file():
-                figures.append((f"figure01_{character}", *figure01(record)))
+            files += redraw_charts(paths.REFERENCE, [character])
+            continue
+        figures = list(table2_figures(results, character, LIMIT_DEG))
+        record = results.poses[character][FOLDED]
+        close = picture_name(record, "forehead")
+        if (paths.REFERENCE / f"{close}.png").is_file():
+            figures.append((close, *figure10(record, LIMIT_DEG, "forehead")))
+        if (paths.REFERENCE / f"figure01_{character}.png").is_file():
+            figures.append((f"figure01_{character}", *figure01(record)))
         for name, figure, words in figures:
             files.append(paths.REFERENCE / f"{name}.png")
             save_figure(figure, files[-1], words)
