@@ -240,7 +240,8 @@ def test_what_is_used_today_stands_beside_the_papers_networks_on_characters_that
     assert "There are no results of such methods." in as_markdown(beside_today(rows))
     row = next(row for row in rows if row.character == "toon" and row.method == "coarse")
     work = replace(row, method="morph", metric="multiplications", value=2.5e6, sd=None)
-    table = beside_today([*rows, replace(row, method="morph", metric="vertex_error_mean"), work])
+    others = [replace(row, method=method, metric="vertex_error_mean") for method in ("morph", "linear")]
+    table = beside_today([*rows, *others, work])
     assert table.headers[0][2:] == ("mm", "degrees", "MB", "million products a pose")
     assert {line[0] for line in table.body} == {"toon"}
     lines = {line[1]: line[2:] for line in table.body}
