@@ -80,7 +80,7 @@ METHOD = variant(
     dense_network.METHOD,
     "dense_compact",
     "Dense, compacted",
-    66,
+    64.7,
     stages=lambda plan: (stage(plan),),
     model=load_model,
     note="The trained dense networks, their last layers low-rank in 8 and 16 bits: no larger than the refined model.",

@@ -107,7 +107,7 @@ METHOD = variant(
     dense_network.METHOD,
     "dense_small",
     "Dense, narrow",
-    65,
+    64.5,
     stages=lambda plan: (stage(plan),),
     model=load_model,
     note="Dense networks whose last hidden layer is so narrow that the model is no larger than the refined one.",

@@ -112,7 +112,7 @@ MORPH = Method(
     "Neural morphs",
     lambda plan: (stage(plan),),
     model=load_model,
-    place=70,
+    place=70.5,
     note="A small network to the weights of 128 learned shapes, as engines ship it, by their documented recipe.",
     colour="#8A5A00",
     in_figures=False,

@@ -97,7 +97,7 @@ METHODS = (
         coarse.METHOD,
         LONGER,
         "Coarse, longer",
-        65.5,
+        66.7,
         stages=lambda plan: (longer_stage(plan),),
         default_section=longer_section,
         note="The coarse networks, trained for the steps of both levels.",
