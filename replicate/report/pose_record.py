@@ -221,8 +221,30 @@ def with_layout(character: str, segment_names: Sequence[str]) -> str:
     return character + layout
 
 
-# The methods that figures show after the truth, in order.
+# The methods that figures show after the truth, in order. Where a record has what is used today, the nearest of these
+# to the truth stands behind ours.
 
 FIGURE01 = ("refined", "regional", "lbs32")
-FIGURE09 = ("refined", "regional", "lbs32", "coarse", "floor_refined")
+FIGURE09 = ("refined", "regional", "lbs32", "coarse", "dense", "floor_refined")
 FIGURE10 = ("refined", "regional", "linear", "lbs32", "dense")  # and methods from outside before them
+PEERS = ("morph", "morph_best", "differential", "differential_small", "compskin", "compskin_best")
+
+
+def best_peer(record: PoseRecord) -> str | None:
+    """Return the one of `PEERS` that a record has and whose normal error over the whole mesh is the smallest."""
+    there = [name for name in PEERS if name in record.vertices]
+    return min(there, key=lambda name: normal_means_deg(record, name)[WHOLE], default=None)
+
+
+def peer_in_words(record: PoseRecord) -> str:
+    """Return the sentence of a caption on the best peer, with a space in front; "" without one."""
+    peer = best_peer(record)
+    return f" Of what is used today “{plain_name(peer)}” has the nearest normals in this pose." if peer else ""
+
+
+def shown_in(record: PoseRecord, methods: Sequence[str]) -> list[str]:
+    """Return those of a figure's methods that a record has, with the best peer behind our method or at the end."""
+    shown = [name for name in methods if name in record.vertices]
+    if peer := best_peer(record):
+        shown.insert(shown.index("regional") + 1 if "regional" in shown else len(shown), peer)
+    return shown

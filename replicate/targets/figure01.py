@@ -21,8 +21,10 @@ from replicate.report.pose_record import (
     marks_in_words,
     normal_means_deg,
     panel_title,
+    peer_in_words,
     plain_name,
     pose_in_words,
+    shown_in,
     vertex_mean_mm,
     view_of,
 )
@@ -55,12 +57,12 @@ VIEWS = (("front", 1.2), ("forehead", 0.8))  # a camera, and its picture's heigh
 
 
 def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): the record's pose, true and as predicted by the methods of `COLUMNS` that it has.
+    """Return (figure, words): the record's pose, true and as predicted by the methods of `COLUMNS` and the best peer.
 
     across: the width of one picture, pixels; None for what fills the sheet.
     """
-    shown = [method for method in COLUMNS if method in record.vertices]
-    width = across or cell_width(len(COLUMNS))
+    shown = shown_in(record, COLUMNS)
+    width = across or cell_width(max(len(shown), len(COLUMNS)))
     cells, phrases = [], []
     for method in shown:
         pictures = tuple(
@@ -90,5 +92,6 @@ def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib
         f"Mean errors: {errors}.",
         f"The rig and its approximations side by side (after Fig. 1), in {pose_in_words(record)}. The heads look much "
         f"alike; the close-up below{bare} {shows}. Below: mean "
-        f"distance of all vertices, and mean angle between normals (Eq. 11). {marks_in_words(shown)}".strip(),
+        f"distance of all vertices, and mean angle between normals (Eq. 11).{peer_in_words(record)} "
+        f"{marks_in_words(shown)}".strip(),
     )

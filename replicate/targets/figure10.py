@@ -18,13 +18,16 @@ from replicate.methods.plan import Plan
 from replicate.report.pose_record import (
     FIGURE10,
     FOLDED,
+    PEERS,
     TRUTH,
     WHOLE,
     PoseRecord,
+    best_peer,
     clay_surfaces,
     marks_in_words,
     normal_means_deg,
     panel_title,
+    peer_in_words,
     plain_name,
     pose_in_words,
     view_of,
@@ -59,6 +62,7 @@ def run(options: argparse.Namespace) -> None:
 
 # Figure 10: a test pose as several methods predict it, half of each face its surface, half its normal error.
 
+LINE = "linear"  # the simplest fit
 FACES = 6  # in one row, the truth's among them: more would be too small
 TALL = 1.26  # a picture's height over its width
 LIMIT_DEG = 30.0
@@ -92,10 +96,18 @@ def figure10(
 
 
 def shown_methods(record: PoseRecord) -> list[str]:
-    """Return the methods of a record whose faces fit into the row: those from outside, then those of `FIGURE10`."""
+    """Return the methods of a record whose faces fit into the row: from outside, the best peer, those of `FIGURE10`.
+
+    The best peer takes the straight line's place, whose error the caption then has.
+    """
     there = [name for name in in_order(set(record.vertices) - {TRUTH}) if method_named(name).in_figures]
-    first = [*(name for name in there if name in outside_names()), *(name for name in FIGURE10 if name in there)]
-    return in_order([*dict.fromkeys([*first, *there])][: FACES - 1])
+    first = [name for name in there if name in outside_names()]
+    if peer := best_peer(record):
+        first.append(peer)
+    line = [LINE] if peer else []
+    first += [name for name in FIGURE10 if name in there and name not in line] + line
+    others = [name for name in there if name not in PEERS]
+    return in_order([*dict.fromkeys([*first, *others])][: FACES - 1])
 
 
 def picture_name(record: PoseRecord, camera: str = "front") -> str:
@@ -118,6 +130,8 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
     hardest = _hardest_region(means)
     in_view = camera == "front" or hardest == camera  # a close-up's caption names only what it shows
     seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
+    if LINE in record.vertices and LINE not in means:
+        seen += f" The straight line, which isn't shown, has {normal_means_deg(record, LINE)[WHOLE]:.2f}°."
     seen += f" Most are farthest off at the {hardest}." if hardest and in_view else ""
     shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
     shown = shown[0].upper() + shown[1:]
@@ -125,7 +139,7 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
         f"{shown} (after Fig. 10). Left half of each face: the predicted surface. Right half: the "
         f"angle between each mesh face's predicted and true normal (Eq. 11), 0° to {limit_deg:g}°, the same colours in "
         f"all panels, which go with the angle's root. Below: its mean over the {WHOLE}; "
-        f"figure10.csv has those of each region, and of the methods that aren't shown.{seen} "
+        f"figure10.csv has those of each region, and of the methods that aren't shown.{seen}{peer_in_words(record)} "
         f"{marks_in_words(means)}"
     )
     return Words(alt, caption.strip())

@@ -19,10 +19,12 @@ from replicate.report.pose_record import (
     TRUTH,
     WHOLE,
     PoseRecord,
+    best_peer,
     marks_in_words,
     normal_means_deg,
     panel_title,
     plain_name,
+    shown_in,
     vertex_mean_mm,
 )
 from replicate.report.publication import CharacterResult, by_character, publish_rows, results_folder
@@ -79,7 +81,7 @@ def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
         return
     yield TRUTH, f"test_pose{rule}", "count", record.pose
     if figure == "figure01":
-        for method in (name for name in FIGURE01 if name in record.vertices):
+        for method in shown_in(record, FIGURE01):
             yield method, f"vertex_error_mean{rule}", "mm", vertex_mean_mm(record, method)
             yield method, f"normal_error_mean{rule}", "deg", normal_means_deg(record, method)[WHOLE]
     elif figure == "figure09":
@@ -87,11 +89,11 @@ def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
 
         region = REGION if REGION in record.region_names else WHOLE
         yield TRUTH, f"fold_change_mean{rule}{_of(region)}", "deg", fold_change_deg(record)
-        for method in (name for name in FIGURE09 if name in record.vertices):
+        for method in shown_in(record, FIGURE09):
             yield method, f"normal_error_mean{rule}{_of(region)}", "deg", normal_means_deg(record, method)[region]
     else:
         for method in set(record.vertices) - {TRUTH}:
-            if method_named(method).in_figures:
+            if method_named(method).in_figures or method == best_peer(record):
                 for region, mean in normal_means_deg(record, method).items():
                     yield method, f"normal_error_mean{rule}{_of(region)}", "deg", mean
 

@@ -13,8 +13,9 @@ from replicate.report.notebooks import show_tables
 from replicate.report.results import Row, led_by, order_of, read_results, write_results
 from replicate.report.tables import Table, as_html, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
 from replicate.targets.compare import compare, compare_folders
+from replicate.targets.reference import beside_today
 from replicate.targets.table2.rows import (
-    beside_today,
+    method_notes,
     other_rigs,
     table2,
     table2_overview,
@@ -242,10 +243,25 @@ def test_what_is_used_today_stands_beside_the_papers_networks_on_characters_that
     work = replace(row, method="morph", metric="multiplications", value=2.5e6, sd=None)
     others = [replace(row, method=method, metric="vertex_error_mean") for method in ("morph", "linear")]
     table = beside_today([*rows, *others, work])
-    assert table.headers[0][2:] == ("mm", "degrees", "MB", "million products a pose")
+    assert table.headers[0][2:] == ("mm", "degrees", "MB", "million products a pose", "ms a pose")
     assert {line[0] for line in table.body} == {"toon"}
     lines = {line[1]: line[2:] for line in table.body}
-    assert lines["Neural morphs"] == ("0.11", "–", "–", "2.50") and "Coarse" in lines and "Linear" not in lines
+    assert lines["Neural morphs"] == ("0.11", "–", "–", "2.50", "–") and "Coarse" in lines and "Linear" not in lines
+
+
+def test_what_is_used_today_has_the_time_of_its_best_evaluation():
+    rows = [replace(row, method="morph") for row in table2_rows() if row.method == "coarse"]
+    times = [
+        replace(rows[0], table="table3", method=f"morph{way}", metric="time_all_cores", unit="ms", value=ms, sd=None)
+        for way, ms in (("", 3.0), ("_jax", 2.0))
+    ]
+    assert [line[-1] for line in beside_today(rows, times).body] == ["2.00"]
+
+
+def test_methods_with_the_same_note_share_a_line():
+    lines = method_notes(["coarse_half", "dense_half", "floor", "morph"])
+    assert lines[0].startswith("‡ ") and lines[1].startswith("Coarse, 16 bits; Dense, 16 bits: Trained as")
+    assert lines[2].startswith("Neural morphs: ") and len(lines) == 3
 
 
 def test_rigs_of_others_have_a_table_of_their_own():

@@ -19,9 +19,13 @@ def record() -> PoseRecord:
 
 def test_figure_9_shows_the_methods_that_there_are(record):
     figure, words = figure09(record, across=260)
-    error = normal_error(record.vertices["coarse"], record.vertices["truth"], record.faces)[record.region == 0].mean()
-    assert [text for text in texts_of(figure) if text] == ["Ground truth", "Coarse", f"forehead: {error:.2f}°"]
-    assert f"Ground truth, Coarse {error:.2f}°." in words.alt
+    errors = [
+        normal_error(record.vertices[name], record.vertices["truth"], record.faces)[record.region == 0].mean()
+        for name in ("coarse", "dense")
+    ]
+    below = [f"forehead: {error:.2f}°" for error in errors]
+    assert [text for text in texts_of(figure) if text] == ["Ground truth", "Coarse", below[0], "Dense", below[1]]
+    assert f"Ground truth, Coarse {errors[0]:.2f}°, Dense {errors[1]:.2f}°." in words.alt
 
 
 def test_the_words_point_at_creases_only_where_the_pose_folds_the_forehead(record):
@@ -45,4 +49,4 @@ def test_a_second_picture_shows_where_refinement_changes_most(record):
     camera, place = refined_spot(replace(record, vertices=record.vertices | {"refined": refined}))
     assert np.linalg.norm(np.asarray(camera.focus)[:2] - [-30, -40]) < 15 and "at the mouth" in place
     figure, words = figure09(replace(record, vertices=record.vertices | {"refined": refined}), across=60)
-    assert len(pictures_of(figure)) == 6 and place in words.caption and refined_spot(record) is None
+    assert len(pictures_of(figure)) == 8 and place in words.caption and refined_spot(record) is None

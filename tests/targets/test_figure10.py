@@ -8,7 +8,7 @@ from bumpy_plate import bumpy_plate, pictures_of, texts_of
 
 from replicate.approximation.metrics import normal_error
 from replicate.drawing.heatmap import error_colours
-from replicate.report.pose_record import PoseRecord
+from replicate.report.pose_record import PoseRecord, best_peer, shown_in
 from replicate.targets import figure10 as module
 from replicate.targets.figure10 import figure10, picture_name, shown_methods
 
@@ -52,6 +52,26 @@ def test_figure_10_shows_six_faces_in_a_row_and_a_method_from_outside_is_one_of_
     places = [axes.get_position() for axes in figure10(many, across=40)[0].axes if axes.images]
     assert len(places) == 6 and len({round(place.y1, 3) for place in places}) == 1
     assert all(0 <= place.x0 and place.x1 <= 1 and 0 <= place.y0 and place.y1 <= 1 for place in places)
+
+
+def test_the_nearest_of_what_is_used_today_takes_the_straight_lines_place(record):
+    truth = record.vertices["truth"]
+    names = ("refined", "dense", "lbs32", "linear", "regional", "morph", "differential")
+    many = replace(record, vertices={"truth": truth} | dict.fromkeys(names, record.neutral))
+    nearer = replace(many, vertices=many.vertices | {"morph_best": truth})
+    assert best_peer(record) is None and best_peer(nearer) == "morph_best"
+    assert shown_methods(many) == ["refined", "dense", "lbs32", "regional", best_peer(many)]
+    assert shown_methods(nearer) == ["refined", "dense", "lbs32", "regional", "morph_best"]
+    assert shown_in(nearer, ("refined", "regional", "coarse", "lbs32")) == [
+        "refined",
+        "regional",
+        "morph_best",
+        "lbs32",
+    ]
+    caption = figure10(nearer, across=24)[1].caption
+    assert "The straight line, which isn't shown, has " in caption
+    assert "Of what is used today “Neural morphs, our training” has the nearest normals in this pose." in caption
+    assert "used today" not in figure10(record, across=24)[1].caption
 
 
 def test_captions_say_by_which_rule_a_pose_was_chosen(record):

@@ -1,5 +1,6 @@
 """Figure 9: forehead wrinkles, close up: what each method keeps of them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -22,8 +23,10 @@ from replicate.report.pose_record import (
     marks_in_words,
     normal_means_deg,
     panel_title,
+    peer_in_words,
     plain_name,
     pose_in_words,
+    shown_in,
     view_of,
 )
 
@@ -31,7 +34,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 COLUMNS = (TRUTH, *FIGURE09)
-ACROSS = 3  # pictures in a row
+ROWS, MOST_ACROSS = 2, 4  # rows of pictures, and how many stand in one
 TALL = 0.8  # a picture's height over its width
 SPOT_TALL = 0.42  # of the second picture
 SPOT_MM = 20.0  # its height on the skin, and how far around a spot errors count
@@ -44,15 +47,16 @@ CREASED_DEG = 2.0  # the mean change of a fold from which one sees creases; rigs
 def figure09(
     record: PoseRecord, methods: Sequence[str] = COLUMNS, across: int | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): the record's pose from the forehead camera, once for each of `methods` that it has.
+    """Return (figure, words): the record's pose from the forehead camera, by each of `methods` and by the best peer.
 
     across: the width of one picture, pixels; None for what fills the sheet.
     """
     views = [(view_of(record, "forehead", 1 / TALL), TALL)]
     if spot := refined_spot(record):
         views.append((spot[0], SPOT_TALL))
-    shown = [method for method in methods if method in record.vertices]
-    width = across or cell_width(min(ACROSS, len(shown)))
+    shown = shown_in(record, methods)
+    columns = min(MOST_ACROSS, math.ceil(len(shown) / ROWS))
+    width = across or cell_width(columns)
     region = REGION if REGION in record.region_names else WHOLE
     cells, phrases = [], []
     for method in shown:
@@ -72,12 +76,13 @@ def figure09(
         )
     else:
         lead = f"The forehead in {pose}. This rig has no wrinkles; only the smooth shape of the brows differs."
-    figure = face_sheet(cells, min(ACROSS, len(shown)))
+    figure = face_sheet(cells, columns)
     closer = f" Under it {spot[1]}, where refinement changes most." if spot else ""
     return figure, Words(
         f"Clay renders of one forehead, close up, row by row: {names}.",
-        f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}. Light from the side and darkened "
-        f"hollows make relief look deeper than it is, for all alike. {marks_in_words(shown)}".strip(),
+        f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}.{peer_in_words(record)} Light from "
+        "the side and darkened hollows make relief look deeper than it is, for all alike. "
+        f"{marks_in_words(shown)}".strip(),
     )
 
 

@@ -17,9 +17,11 @@ from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.benchmarks.common import merge
 from replicate.cli.target_list import target_table
 from replicate.config import check_profile
+from replicate.methods.method_registry import in_order, method_named
 from replicate.report import manifest, notebooks
-from replicate.report.results import COLUMNS, read_curves, read_results, write_curves
-from replicate.report.tables import Table, as_markdown
+from replicate.report.pose_record import PEERS
+from replicate.report.results import COLUMNS, Row, characters_of, find, read_curves, read_results, write_curves
+from replicate.report.tables import Table, as_markdown, round_off
 from replicate.targets.claims import claims_in_brief, overview, write_claims
 from replicate.targets.claims.rules import gather
 from replicate.targets.claims.verdicts import FILE as CLAIMS
@@ -29,7 +31,15 @@ from replicate.targets.reference.times import TIMED_TARGET as GPU_TIMES
 from replicate.targets.reference.times import is_of_gpu, put_gpu_times, times_card
 from replicate.targets.rig_report.shown import report_card
 from replicate.targets.table2.charts import redraw_charts
-from replicate.targets.table2.rows import beside_today, other_rigs, standard_rows, table2_overview, table2_questions
+from replicate.targets.table2.rows import (
+    about_rows,
+    other_rigs,
+    standard_rows,
+    table2_overview,
+    table2_questions,
+    table_notes,
+)
+from replicate.targets.table3.rows import ALL, best_row, cell
 from replicate.targets.table3.shown import speed_table, timing_table
 
 
@@ -193,7 +203,11 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "claims_in_brief": (README, "claims.csv", claims_in_brief),
         "claims": (RESULTS, "claims.csv", overview),
         "table2_ratios": (RESULTS, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
-        "table2_today": (RESULTS, "table2.csv", lambda file: beside_today(read_results(file))),
+        "table2_today": (
+            RESULTS,
+            "table2.csv",
+            lambda file: beside_today(read_results(file), _rows_of(file.with_name("table3.csv"))),
+        ),
         "table2_others": (RESULTS, "table2.csv", lambda file: other_rigs(read_results(file))),
         "table2": (RESULTS, "table2.csv", lambda file: table2_overview(standard_rows(read_results(file)), paper)),
         "table3_speed": (RESULTS, "table3.csv", lambda file: speed_table(read_results(file))),
@@ -205,6 +219,45 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
         "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
     }
+
+
+def _rows_of(file: Path) -> list[Row]:
+    """Read a file of results; no rows if it is missing."""
+    return read_results(file) if file.is_file() else []
+
+
+TODAY = (*PEERS, "ridge_products")
+BESIDE = ("coarse", "refined", "dense", "coarse_half", "refined_half", "dense_half", "regional", "neutral")
+
+
+def beside_today(ours: Sequence[Row], times: Sequence[Row] = ()) -> Table:
+    """Return mean errors, sizes, work and times of what is used today, of the characters that have such rows.
+
+    times: rows of Table 3; without any, and for what it hasn't timed, there is no time.
+    """
+    rows = [row for row in ours if row.table == "table2"]
+    characters = characters_of(row for row in rows if row.method in TODAY and row.method != "ridge_products")
+    rows = [row for row in rows if row.character in characters and row.method in TODAY + BESIDE]
+    metrics = (("vertex_error_mean", "mm", 1.0), ("normal_error_mean", "deg", 1.0))
+    metrics = (*metrics, ("model_size", "MB", 1.0), ("multiplications", "ratio", 1e-6))
+    body = []
+    for character in characters:
+        for method in in_order({row.method for row in rows if row.character == character}):
+            cells = [character, method_named(method).title]
+            for metric, unit, scale in metrics:
+                row = find(rows, "table2", character, method, metric)
+                cells.append(round_off(row.value * scale, unit, row.sd if scale == 1.0 else None) if row else "–")
+            body.append((*cells, cell(times, best_row(times, character, method, ALL), ALL)))
+    present = in_order({row.method for row in rows})
+    header = ("", "", "mm", "degrees", "MB", "million products a pose", "ms a pose")
+    heading = "What is used today, beside the paper's networks and ours: mean errors, size, work and time"
+    timed = "ms: the best evaluation with the rigid step, on all cores (Table 3); –: not timed."
+    notes = (
+        (about_rows(rows, None), timed, *table_notes(rows, present))
+        if body
+        else ("There are no results of such methods.",)
+    )
+    return Table(heading, (header,), tuple(body), notes, text_columns=2)
 
 
 def with_table(text: str, name: str, table: Table) -> str:

@@ -24,7 +24,7 @@ from replicate.benchmarks.common import merge
 from replicate.drawing.panels import save_figure
 from replicate.engine.provenance import git_state
 from replicate.report import manifest
-from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, load_pose, pose_file, save_pose
+from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, best_peer, load_pose, pose_file, save_pose
 from replicate.report.results import read_curves, read_results, write_curves
 from replicate.targets.figure01 import figure01
 from replicate.targets.figure10 import LIMIT_DEG, figure10, picture_name
@@ -159,6 +159,8 @@ TOLERANCE_MM = 0.02  # rounded records of the same face differ by less
 def put_first_seed(run: Path, shared: Collection[str]) -> list[Path]:
     """Put a run's methods into the committed poses and curves of the shared characters; return the files.
 
+    Of what is used today only the nearest to the truth is kept (`best_peer`), which figures show.
+
     Poses are of a character's first seed, so that a run of other seeds changes nothing. A committed pose stays if
     another method chose the run's, as in a run without the method that ranks them. Pictures are not drawn: see
     `redraw`.
@@ -182,6 +184,7 @@ def _put_pose(run: Path, character: str, choice: str) -> list[Path]:
     if not _is_same(committed, record):
         return []
     labels = (committed.vertices.keys() & record.vertices.keys()) - {TRUTH}
+    labels |= {best_peer(record)} - {None}
     save_pose(there, replace(committed, vertices=committed.vertices | {name: record.vertices[name] for name in labels}))
     return [there]
 

@@ -126,7 +126,7 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
     )
     rule = [None] if body and extra else []
     heading = f"Table 2: {character}" + (f" beside the paper's {theirs}" if theirs else "")
-    return Table(heading, headers, (*body, *rule, *extra), (_about(rows, theirs), *_notes(rows, present)))
+    return Table(heading, headers, (*body, *rule, *extra), (about_rows(rows, theirs), *table_notes(rows, present)))
 
 
 def standard_rows(rows: Iterable[Row]) -> list[Row]:
@@ -153,8 +153,8 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
     heading = "Table 2: mean errors of our characters beside the paper's"
     shown = [row for row in rows if row.character in characters]
-    about = _about(shown, "each of the paper's characters")
-    return Table(heading, (header,), tuple(body), (about, *_notes(shown, present)))
+    about = about_rows(shown, "each of the paper's characters")
+    return Table(heading, (header,), tuple(body), (about, *table_notes(shown, present)))
 
 
 def other_rigs(ours: Sequence[Row]) -> Table:
@@ -172,35 +172,11 @@ def other_rigs(ours: Sequence[Row]) -> Table:
         body.append(tuple(cells))
     header = ("", *(f"{character}, {unit}" for character in characters for unit in ("mm", "degrees")))
     heading = "Mean errors on rigs that others wrote: distance (mm) and normal angle (degrees)"
-    about = (_about(rows, None), *_notes(rows, present)) if rows else ("There are no results of such a rig.",)
+    about = (about_rows(rows, None), *table_notes(rows, present)) if rows else ("There are no results of such a rig.",)
     return Table(heading, (header,), tuple(body), about)
 
 
 # What studios use today, and regression, beside the paper's networks in both precisions and our method.
-TODAY = ("morph", "morph_best", "differential", "differential_small", "compskin", "compskin_best", "ridge_products")
-BESIDE = ("coarse", "refined", "dense", "coarse_half", "refined_half", "dense_half", "regional", "neutral")
-
-
-def beside_today(ours: Sequence[Row]) -> Table:
-    """Return mean errors, sizes and multiplications of what is used today, of the characters that have such rows."""
-    rows = [row for row in ours if row.table == "table2"]
-    characters = characters_of(row for row in rows if row.method in TODAY and row.method != "ridge_products")
-    rows = [row for row in rows if row.character in characters and row.method in TODAY + BESIDE]
-    metrics = (("vertex_error_mean", "mm", 1.0), ("normal_error_mean", "deg", 1.0))
-    metrics = (*metrics, ("model_size", "MB", 1.0), ("multiplications", "ratio", 1e-6))
-    body = []
-    for character in characters:
-        for method in in_order({row.method for row in rows if row.character == character}):
-            cells = [character, method_named(method).title]
-            for metric, unit, scale in metrics:
-                row = find(rows, "table2", character, method, metric)
-                cells.append(round_off(row.value * scale, unit, row.sd if scale == 1.0 else None) if row else "–")
-            body.append(tuple(cells))
-    present = in_order({row.method for row in rows})
-    header = ("", "", "mm", "degrees", "MB", "million products a pose")
-    heading = "What is used today, beside the paper's networks and ours: mean errors, size and work"
-    about = (_about(rows, None), *_notes(rows, present)) if body else ("There are no results of such methods.",)
-    return Table(heading, (header,), tuple(body), about, text_columns=2)
 
 
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
@@ -214,7 +190,8 @@ def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple
     return (*cells, round_off(texels.value, "ratio") if texels else "")
 
 
-def _about(rows: Sequence[Row], theirs: str | None) -> str:
+def about_rows(rows: Sequence[Row], theirs: str | None) -> str:
+    """Return what a table's numbers are of: poses, seeds and profile; and whose column `theirs` is, if there is one."""
     about = []
     seeds = most_seeds(rows)
     if poses := _poses_in_words(rows):
@@ -244,12 +221,18 @@ def _poses_in_words(rows: Sequence[Row]) -> str:
 
 
 def method_notes(present: Sequence[str]) -> list[str]:
-    """Return the footnotes of some methods, each once, with the method's mark or else its label in front."""
-    methods = [method_named(name) for name in present]
-    return list(dict.fromkeys(f"{m.mark or m.label + ':'} {m.note}" for m in methods if m.note))
+    """Return the footnotes of some methods, each once, with the marks or else the labels of its methods in front."""
+    marks, labels = {}, {}  # of each note
+    for method in map(method_named, present):
+        if method.note and method.mark:
+            marks.setdefault(f"{method.mark} {method.note}", None)
+        elif method.note:
+            labels.setdefault(method.note, []).append(method.label)
+    return [*marks, *(f"{'; '.join(names)}: {note}" for note, names in labels.items())]
 
 
-def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
+def table_notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
+    """Return the notes below a table of Table 2's rows: of its methods, and of poses and seeds that differ."""
     notes = method_notes(present)
     left_out = [row for row in rows if row.metric == "normal_faces_left_out" and row.value]
     if left_out:
