@@ -8,7 +8,7 @@ from sample_rows import mean_rows, table1_rows, table2_rows
 from replicate.base.exceptions import InputError
 from replicate.benchmarks.bench_training import BALANCED, RAW_ANIMATION, USUAL
 from replicate.report.results import Row
-from replicate.targets.claims.rules import Evidence, MissingNumber, published
+from replicate.targets.claims.rules import Evidence, MissingNumber, published, significant
 from replicate.targets.claims.verdicts import (
     CLAIMS,
     claim_named,
@@ -388,16 +388,24 @@ def test_c13_measures_the_worst_of_maps_on_new_meshes_beside_deformation_transfe
     )
 
 
-def test_c14_measures_how_errors_grow_under_inverse_kinematics_by_the_one_that_grows_most():
+def test_c14_measures_how_the_refined_models_errors_grow_under_inverse_kinematics():
     facts = None, 1, 25, "laptop", "b"
     posed = {("refined", "vertex", "mm"): 1.5, ("refined", "normal", "deg"): 1.0, ("dense", "vertex", "mm"): 3.0}
     posed |= {("dense", "normal", "deg"): 2.0}
     given = [
-        Row("table4", "toon", name, f"{kind}_error_mean", unit, ms, *facts) for (name, kind, unit), ms in posed.items()
+        Row("table4", "toon", name, f"{kind}_error_mean{limited}", unit, value * share, *facts)
+        for (name, kind, unit), value in posed.items()
+        for limited, share in (("", 1.0), ("_limited", 0.5))
     ]
-    one = judge(claim_named("C14"), "toon", Evidence([*given, *mean_rows(character="toon")]), PAPER)
-    assert one.verdict == "measured" and one.effect == pytest.approx(3.0)
-    assert one.comparison == "distance: dense under IK < on test poses" and one.paper == pytest.approx(4.19 / 5.0)
+    tested = mean_rows(character="toon")
+    one = judge(claim_named("C14"), "toon", Evidence([*given, *tested]), PAPER)
+    before = {(row.method, row.metric): row.value for row in tested}
+    growth = [value / before[name, f"{kind}_error_mean"] for (name, kind, _), value in posed.items()]
+    assert one.verdict == "measured" and one.effect == pytest.approx(max(growth[:2]))
+    assert one.comparison == "distance: refined under IK < on test poses" and one.paper == pytest.approx(0.58 / 0.40)
+    words = [significant(share * value, 2) for share in (1.0, 0.5) for value in growth]
+    assert f"Dense networks have {words[2]} and {words[3]} times as much in distance and normals." in one.reason
+    assert f"the refined model has {words[4]} and {words[5]} times as much, dense networks {words[6]} and" in one.reason
 
 
 def test_c15_measures_squares_where_they_are_beside_squares_on_all_charts():

@@ -282,7 +282,8 @@ SYMBOLS = {HOLDS: "✅", DIRECTION: "◔", UNDECIDED: "?", FAILS: "❌", NOT_TES
 PAGE_SYMBOLS = SYMBOLS | {HOLDS: "✔", FAILS: "✘"}  # any font has these, also on a machine without colour emojis
 MIXED = "◐"
 KINDS = (
-    "holds, {} direction only (less than half of the paper's effect), {} undecided (the interval includes 1), {} fails"
+    "holds, {} direction only (less than half of the paper's effect), {} undecided (the interval includes 1, no "
+    "spread is known, or back ends disagree), {} fails"
 )
 EFFECT = "Effect: the ratio of the two numbers that decide; below 1 is as claimed"
 NUMBERED = "①②③"
@@ -434,7 +435,8 @@ def cell(verdict: Verdict) -> str:
     marks = [f"{verdict.effect:.2f}" if verdict.verdict == MEASURED else verdict.verdict]
     if verdict.verdict == verdict.published == FAILS:
         marks.append("†")
-    if (verdict.seeds or ENOUGH) < ENOUGH and verdict.verdict != MEASURED and verdict.unit != "MB":
+    is_exact = verdict.unit == "MB" or (verdict.verdict == MEASURED and verdict.low is not None)
+    if (verdict.seeds or ENOUGH) < ENOUGH and not is_exact:
         marks.append("‡")
     return " ".join(marks)
 

@@ -227,7 +227,8 @@ def _rows_of(file: Path) -> list[Row]:
 
 
 TODAY = (*PEERS, "ridge_products")
-BESIDE = ("coarse", "refined", "dense", "coarse_half", "refined_half", "dense_half", "regional", "neutral")
+HALVES = ("coarse_half", "refined_half", "dense_half")
+BESIDE = ("coarse", "refined", "dense", "dense_compact", *HALVES, "regional", "neutral")
 
 
 def beside_today(ours: Sequence[Row], times: Sequence[Row] = ()) -> Table:
