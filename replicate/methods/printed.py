@@ -1,17 +1,18 @@
-"""The paper's networks, trained in full as its text prints: what it leaves open is read in three ways.
+"""The paper's networks, trained in full as its text prints: what it leaves open is read in four ways.
 
 Printed: Eq. 1 with α = 5 and positions in millimetres, batches of 8, balanced draws, and the learning rates 1e-3, 1e-4
-and 1e-5 one after the other. Nothing that the text doesn't name is added: offsets are not scaled, gradients not
-bounded. The text has no number of steps, its released code 70,000; so many are made at every profile but `quick`.
+and 1e-5 one after the other. Nothing that the text doesn't name is added: offsets are in one unit, and gradients not bounded.
+The text has no number of steps, its released code 70,000; so many are made at every profile but `quick`.
 
-Left open: the units of the controls, and the first weights. Three readings:
+Left open: the units of controls and offsets, and the first weights. Four readings:
 
 - `…_printed`: controls as the rig has them, most of them from 0 to 1, weights of He et al. (2015);
 - `…_printed_ranges`: controls in ranges like those of Ray's, degrees beside lengths;
-- `…_printed_code`: these ranges, and the first weights of the released code.
+- `…_printed_code`: these ranges, and the first weights of the released code;
+- `…_printed_unit`: these ranges, and offsets in the unit of length of Ray's rig, as networks of its rig give them.
 
-What the text and the code say differently, unit of length, α and batch, is the text's here and the code's in
-`replicate.methods.released`.
+Errors are weighed in millimetres by all of them. What the text and the code say differently, α and batch, is the text's
+here and the code's in `replicate.methods.released`.
 """
 
 from dataclasses import replace
@@ -20,7 +21,7 @@ from itertools import product
 
 from replicate.config import PROFILES, CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig
 from replicate.engine.stage import Stage
-from replicate.methods import coarse, dense_network, refined
+from replicate.methods import coarse, dense_network, refined, released
 from replicate.methods.method import Method, variant
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
@@ -30,11 +31,16 @@ READINGS = {  # of what the text leaves open, by the end of the methods' names
     "": ConditioningConfig("raw", UNIT_MM, "he"),
     "_ranges": ConditioningConfig("released", UNIT_MM, "he"),
     "_code": ConditioningConfig("released", UNIT_MM, "released"),
+    "_unit": ConditioningConfig("released", released.UNIT_MM, "he"),
 }
 WORDS = {
     "": ("as printed", "controls as the rig has them, first weights of He et al."),
     "_ranges": ("as printed, Ray's ranges", "controls in ranges like Ray's, first weights of He et al."),
     "_code": ("as printed, code's start", "controls in ranges like Ray's, first weights as in the released code."),
+    "_unit": (
+        "as printed, Ray's units",
+        "controls in ranges like Ray's, offsets in its unit, first weights of He et al.",
+    ),
 }
 SECTIONS = {"coarse": CoarseConfig(), "refinement": RefinementConfig(), "dense": DenseConfig()}  # the paper's values
 KINDS = {"coarse": coarse.METHOD, "refinement": refined.METHOD, "dense": dense_network.METHOD}
@@ -82,5 +88,5 @@ def _row(kind: str, reading: str, place: float) -> Method:
 
 
 METHODS = tuple(
-    _row(kind, reading, 65 + 0.1 * place) for place, (reading, kind) in enumerate(product(READINGS, SECTIONS))
+    _row(kind, reading, 65 + 0.05 * place) for place, (reading, kind) in enumerate(product(READINGS, SECTIONS))
 )

@@ -19,7 +19,8 @@ PRINTED = {"schedule": "paper", "batch": 8, "draws": "balanced", "rates": (1e-3,
 def test_each_row_has_what_the_text_prints_and_the_steps_of_the_code(method):
     section = method.default_section("laptop")
     assert {key: getattr(section.training, key) for key in PRINTED} == PRINTED
-    assert section.normal_weight == 5.0 and section.conditioning.unit_mm == 1.0, "positions are in millimetres"
+    unit_mm = 450.0 if method.name.endswith("_unit") else 1.0
+    assert section.normal_weight == 5.0 and section.conditioning.unit_mm == unit_mm, "α goes with millimetres"
     assert section.training.steps == method.default_section("paper").training.steps == 70_000
     assert method.default_section("quick").training.steps < 1_000
 

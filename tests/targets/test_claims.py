@@ -72,7 +72,7 @@ def test_what_is_measured_is_a_number_in_the_table():
     facts = ("mm", 0.15, None, 1, 9, "quick", "r")
     rows = Evidence([Row("table2_segments", "teen", "attachment", "vertex_error_mean[rigid]", *facts)])
     table = claims_table(judge_all(rows, PAPER), rows)
-    assert next(line for line in table.body if line[0].startswith("C11 "))[1] == "0.50"
+    assert next(line for line in table.body if line[0].startswith("C11 "))[1] == "0.50 ‡"
     assert any("without a verdict" in note for note in table.notes)
 
 

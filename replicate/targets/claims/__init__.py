@@ -286,7 +286,7 @@ KINDS = (
     "spread is known, or back ends disagree), {} fails"
 )
 EFFECT = "Effect: the ratio of the two numbers that decide; below 1 is as claimed"
-NUMBERED = "①②③"
+NUMBERED = "①②③④"
 
 
 def claims_in_brief(file: Path) -> Table:

@@ -408,6 +408,11 @@ PRINTED = (
         "_printed_code",
         "as printed, controls in degrees and lengths like Ray's, first weights as in the released code",
     ),
+    Recipe(
+        "printed_unit",
+        "_printed_unit",
+        "as printed, controls in degrees and lengths like Ray's, offsets in the unit of its rig, 450 mm",
+    ),
 )
 RECIPES = (BEST, *PRINTED)
 
