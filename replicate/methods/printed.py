@@ -1,8 +1,8 @@
 """The paper's networks, trained in full as its text prints: what it leaves open is read in four ways.
 
 Printed: Eq. 1 with α = 5 and positions in millimetres, batches of 8, balanced draws, and the learning rates 1e-3, 1e-4
-and 1e-5 one after the other. Nothing that the text doesn't name is added: offsets are in one unit, and gradients not bounded.
-The text has no number of steps, its released code 70,000; so many are made at every profile but `quick`.
+and 1e-5 one after the other. Nothing that the text doesn't name is added: offsets are in one unit, and gradients not
+bounded. The text has no number of steps, its released code 70,000; so many are made at every profile but `quick`.
 
 Left open: the units of controls and offsets, and the first weights. Four readings:
 
