@@ -13,16 +13,16 @@
 from replicate.base.paths import REFERENCE
 from replicate.report.notebooks import show, show_picture
 
-show_picture(REFERENCE / "figure10_teen.png")
+show_picture(REFERENCE / "figure10_teen_median.png")
 
 # %% [markdown]
 # **Look.** Where on the face is the line wrong? Where are the dense networks wrong? Are those the same places?
 # <details><summary>Answer</summary>
 #
-# In part. Both miss the folds of the cheek beside the mouth. The line is also wrong on the forehead, fold by fold, and
-# a little everywhere that skin bends. The dense networks are best between the folds and worst on thin bright lines: a
-# network for each segment of the face, and two that don't quite agree tear the skin along their border. So what they
-# have to learn better is not what the line has to.
+# In part. Both miss folds of the forehead, and the lips. The line is also wrong above the eyes, and a little everywhere
+# that skin bends. The dense networks are worst on thin bright lines: a network for each segment of the face, and two
+# that don't quite agree tear the skin along their border. So what they have to learn better is not what the line has
+# to.
 # </details>
 #
 # ## 1. The straight line
