@@ -1,5 +1,8 @@
 """Lesson 6's checks: they accept the solution, and say of usual mistakes what is wrong."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -11,6 +14,7 @@ from course.checks import Wrong
 from course.checks.lesson6 import _trained_alone as trained_alone
 from course.checks.lesson6 import check_beside, check_gate, check_loss, check_units
 from replicate.approximation.losses import reference_loss, unit_normals
+from replicate.base.paths import REFERENCE, ROOT
 
 SOLVED = answers("lesson6")
 normalize = nn.functional.normalize
@@ -278,3 +282,12 @@ ONE, TWO = torch.eye(2), torch.ones(2)
 def test_wrong_weights_of_gates_are_told_why(gates, sentence):
     with pytest.raises(Wrong, match=sentence):
         check_gate(SOLVED["gated"], lambda: gates)
+
+
+def test_the_picture_has_all_approximations_that_the_text_speaks_of():
+    name = re.search(
+        r"figure10_\w+", (ROOT / "course" / "lessons" / "lesson6_what_networks_must_learn.py").read_text("utf-8")
+    )[0]
+    words = json.loads((REFERENCE / f"{name}.json").read_text("utf-8"))["alt"]
+    for shown in ("Refined ", "Dense ", "LBS: 32 bones ", "Regional (ours) ", "Linear "):
+        assert shown in words
