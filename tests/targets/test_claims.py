@@ -1,6 +1,7 @@
 """Claims as they are shown: table, reasons and chart; and `make claims`, on results of one's own and committed ones."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -18,16 +19,18 @@ from replicate.targets.claims import (
     claims_in_brief,
     claims_table,
     frequency_chart,
+    of_recipe,
     outcome,
     overview,
     places_table,
     reasons_table,
     show_verdict,
+    stand_ins,
     verdicts_of_table2,
     write_claims,
 )
 from replicate.targets.claims.rules import Evidence, gather, published
-from replicate.targets.claims.verdicts import CLAIMS, claim_named, judge, judge_all, read_verdicts
+from replicate.targets.claims.verdicts import CLAIMS, FILE, claim_named, judge, judge_all, read_verdicts
 
 PAPER = published()
 SD = 1e-6  # over three seeds: the interval is as good as nothing
@@ -395,3 +398,28 @@ def test_a_damaged_table_is_named(folders, capsys):
 
 def test_the_committed_verdicts_are_those_of_the_committed_rows():
     assert read_verdicts(notebooks.REFERENCE / "claims.csv") == judge_all(gather([notebooks.REFERENCE]), PAPER)
+
+
+def test_readme_counts_the_verdicts_on_our_four_characters():
+    verdicts = read_verdicts(paths.REFERENCE / FILE)
+    found = {claim.name: [each.verdict for each in stand_ins(of_recipe(verdicts), claim.name)] for claim in CLAIMS}
+
+    def named(is_so: Callable[[list[str]], bool]) -> list[str]:
+        return [name for name, each in found.items() if is_so([one for one in each if one != "not tested"])]
+
+    said = " ".join((paths.ROOT / "README.md").read_text("utf-8").split())
+    holds, fails = named(lambda each: each.count("holds") == 3), named(lambda each: each.count("fails") >= 2)
+    alone, one = named(lambda each: each == ["direction only"] * 4), named(lambda each: each == ["fails"])
+    undecided = named(lambda each: bool(each) and set(each) == {"undecided"})
+    measured = named(lambda each: bool(each) and set(each) == {"measured"})
+    assert all(found[name].count("fails") == 3 for name in fails)
+    assert len([*holds, *fails, *alone, *one, *undecided, *measured]) == len(CLAIMS)
+    numbers = ("no", "one", "two", "three", "four", "five", "six", "seven")
+    count = {len(group): numbers[len(group)] for group in (holds, fails, undecided, measured)}
+    for sentence in (
+        f"Of fifteen claims {count[len(holds)]} hold on three of our four characters ({', '.join(holds)}), ",
+        f"one has its direction alone ({', '.join(alone)}), ",
+        f"{count[len(fails)]} fail on three ({', '.join(fails)}), one fails where it was tested ({', '.join(one)}), ",
+        f"{count[len(undecided)]} are undecided and {count[len(measured)]} are measured, without a verdict.",
+    ):
+        assert sentence.strip() in said
