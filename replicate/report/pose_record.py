@@ -225,7 +225,7 @@ def with_layout(character: str, segment_names: Sequence[str]) -> str:
 # to the truth stands behind ours.
 
 FIGURE01 = ("refined", "regional", "lbs32")
-FIGURE09 = ("refined", "regional", "lbs32", "coarse", "dense", "floor_refined")
+FIGURE09 = ("refined", "coarse", "dense", "regional", "lbs32", "floor_refined")
 FIGURE10 = ("refined", "regional", "linear", "lbs32", "dense")  # and methods from outside before them
 PEERS = ("morph", "morph_best", "differential", "differential_small", "compskin", "compskin_best")
 

@@ -62,7 +62,7 @@ def test_figure_9_draws_the_foreheads_errors_of_its_rows(records):
     own = values(rows_in("figure09", records))
     figure, words = figure09(records["folded"], across=40)
     degrees = {method: value for (method, metric), value in own.items() if metric.startswith("normal_error")}
-    assert list(degrees) == ["refined", "lbs32", "coarse", "dense"]
+    assert list(degrees) == ["refined", "coarse", "dense", "lbs32"]
     assert [text for text in texts_of(figure) if "°" in text] == [f"forehead: {mean:.2f}°" for mean in degrees.values()]
     assert all(f"{plain_name(method)} {mean:.2f}°" in words.alt for method, mean in degrees.items())
     assert own[TRUTH, "fold_change_mean[folded][forehead]"] == fold_change_deg(records["folded"])
