@@ -101,11 +101,9 @@ def shown_methods(record: PoseRecord) -> list[str]:
     The best peer takes the straight line's place, whose error the caption then has.
     """
     there = [name for name in in_order(set(record.vertices) - {TRUTH}) if method_named(name).in_figures]
-    first = [name for name in there if name in outside_names()]
-    if peer := best_peer(record):
-        first.append(peer)
-    line = [LINE] if peer else []
-    first += [name for name in FIGURE10 if name in there and name not in line] + line
+    peer = best_peer(record)
+    first = [*(name for name in there if name in outside_names()), *([peer] if peer else [])]
+    first += [name for name in FIGURE10 if name in there and not (peer and name == LINE)]
     others = [name for name in there if name not in PEERS]
     return in_order([*dict.fromkeys([*first, *others])][: FACES - 1])
 

@@ -92,8 +92,9 @@ def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
         for method in shown_in(record, FIGURE09):
             yield method, f"normal_error_mean{rule}{_of(region)}", "deg", normal_means_deg(record, method)[region]
     else:
+        peer = best_peer(record)
         for method in set(record.vertices) - {TRUTH}:
-            if method_named(method).in_figures or method == best_peer(record):
+            if method_named(method).in_figures or method == peer:
                 for region, mean in normal_means_deg(record, method).items():
                     yield method, f"normal_error_mean{rule}{_of(region)}", "deg", mean
 

@@ -206,7 +206,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "table2_today": (
             RESULTS,
             "table2.csv",
-            lambda file: beside_today(read_results(file), _rows_of(file.with_name("table3.csv"))),
+            lambda file: beside_today(read_results(file), notebooks.rows_if_there("reference", "table3.csv")),
         ),
         "table2_others": (RESULTS, "table2.csv", lambda file: other_rigs(read_results(file))),
         "table2": (RESULTS, "table2.csv", lambda file: table2_overview(standard_rows(read_results(file)), paper)),
@@ -219,11 +219,6 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
         "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
     }
-
-
-def _rows_of(file: Path) -> list[Row]:
-    """Read a file of results; no rows if it is missing."""
-    return read_results(file) if file.is_file() else []
 
 
 TODAY = (*PEERS, "ridge_products")
