@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import hashlib
 import os
 import shutil
 import signal
@@ -11,11 +12,28 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import ClassVar
 
+import llvmlite.binding
+
 gc.set_threshold(20_000, 10, 50)  # imports and JAX leave millions of objects that are no garbage
 
 for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of them is loaded
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+KEPT_CODE = Path(__file__).parents[1] / ".pytest_cache" / "compiled"
+KEPT_BYTES = 500_000_000  # a whole run adds about XX MB, and a changed rig or kernel its part of that again
+
+
+def kept_code():
+    """Return the folder for machine code, which the next run needn't compile again: it is named by what it was made of.
+
+    It is this processor's, as code for another may not run here. What has grown too large is begun anew.
+    """
+    processor = f"{llvmlite.binding.get_host_cpu_name()} {llvmlite.binding.get_host_cpu_features().flatten()}"
+    if sum(file.stat().st_size for file in KEPT_CODE.rglob("*") if file.is_file()) > KEPT_BYTES:
+        shutil.rmtree(KEPT_CODE, ignore_errors=True)
+    return KEPT_CODE / hashlib.sha256(processor.encode()).hexdigest()[:16]
+
+
 sys.modules["rfc3987_syntax"] = None  # jsonschema would let it build a grammar of addresses, which takes 2 s
 if "PYTEST_XDIST_WORKER" not in os.environ:  # what one process compiles, builds or draws, all of them share
     folder = tempfile.mkdtemp(prefix="replicate-compiled-")
@@ -23,8 +41,9 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # what one process compiles, builds
     os.environ["REPLICATE_TEST_RIGS"] = os.path.join(folder, "rigs")
     os.environ["REPLICATE_PICTURES"] = os.path.join(folder, "pictures")
     os.mkdir(os.environ["REPLICATE_PICTURES"])
-    os.environ["NUMBA_CACHE_DIR"] = os.path.join(folder, "numba")
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(folder, "jax")
+    kept = kept_code()
+    os.environ["NUMBA_CACHE_DIR"] = os.path.join(kept, "numba")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(kept, "jax")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "0"
     flags = [os.environ.get("XLA_FLAGS", ""), "--xla_cpu_multi_thread_eigen=false"]  # as workers have: they share code

@@ -16,6 +16,7 @@ from replicate import __main__ as cli
 from replicate.approximation.metrics import evaluate
 from replicate.approximation.rigid import Attachments, attach
 from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import write_landmarks
 from replicate.cli.parser import command
@@ -280,6 +281,8 @@ def test_the_committed_models_are_those_that_the_command_puts_there_and_stay_sma
     page = COMMITTED["teen"]["page"]
     assert trained.digest(trained.FOLDER / page["file"]) == page["sha256"]
     assert (trained.FOLDER / page["file"]).stat().st_size < LARGEST_PAGE_MB * 1e6
+    stated = f"{page['errors']['distance_mm']:.2f} mm and {page['errors']['normal_deg']:.2f}°, against"
+    assert stated in " ".join((ROOT / "README.md").read_text("utf-8").split()), "what README says of the page"
 
 
 @pytest.mark.parametrize("character", COMMITTED)
