@@ -20,7 +20,7 @@ for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of 
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 KEPT_CODE = Path(__file__).parents[1] / ".pytest_cache" / "compiled"
-KEPT_BYTES = 500_000_000  # a whole run adds about XX MB, and a changed rig or kernel its part of that again
+KEPT_BYTES = 500_000_000  # code of many states of the project
 
 
 def kept_code():

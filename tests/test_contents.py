@@ -15,7 +15,8 @@ from replicate.methods.method_registry import choose
 from replicate.methods.plan import Plan, TrainingSettings
 
 CONTENTS = (ROOT / "notebooks" / "README.md").read_text(encoding="utf-8")
-ENTRY = re.compile(r"^- \[(\w+)\]\((\w+)\.ipynb\): \w.*\. `make ([a-z0-9-]+)`(, trains)?$", re.MULTILINE)
+COMMAND = r"`make ([a-z0-9-]+)(?: [A-Z]+=[\w@]+)?`"
+ENTRY = re.compile(rf"^- \[(\w+)\]\((\w+)\.ipynb\): \w.*\. {COMMAND}(, trains)?$", re.MULTILINE)
 ENTRIES = [(name, file, command, bool(trains)) for name, file, command, trains in ENTRY.findall(CONTENTS)]
 
 

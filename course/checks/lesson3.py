@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from course.checks import passed, require
+from course.checks import passed, require, require_kept
 from course.lesson3 import Examples, alone, rmse, start
 from replicate.approximation.metrics import vertex_error
 from replicate.baselines.skinning import ssdr
@@ -27,7 +27,7 @@ def check_align(align: Callable, face: Examples) -> None:
     target = source @ truth + shift
     before = [source.copy(), target.copy()]
     rotation, translation = _motion(align(source, target))
-    _kept((source, target), before)
+    require_kept((source, target), before)
     require(
         np.abs(rotation - truth.T).max() > 1e-6,
         "You return the inverse of the rotation: is your H built as source-transposed times target, and R = U D Vᵀ?",
@@ -102,7 +102,7 @@ def check_weights(weights: Callable, face: Examples) -> None:
     left, old = generator.normal(0, 3, (30, 8)) + 2, np.full(8, 1 / 8)
     before = [left.copy(), old.copy()]
     _is_convex(weights(left, old), left, old)
-    _kept((left, old), before)
+    require_kept((left, old), before)
     # Two bones that carry a vertex to its place: their blend is exact.
     left = generator.normal(0, 3, (30, 6))
     left[:, 4] = -left[:, 1] * 3
@@ -256,7 +256,7 @@ def check_alternate(alternate: Callable, face: Examples) -> None:
     rest, poses, bones, iterations = face.rest[places].astype(float), face.training[:24, places].astype(float), 8, 6
     before = [rest.copy(), poses.copy()]
     found = alternate(rest, poses, bones, iterations)
-    _kept((rest, poses), before)
+    require_kept((rest, poses), before)
     require(found is not None, "alternate returns nothing: is there a return at its end?")
     require(
         isinstance(found, tuple) and len(found) == 3,
@@ -329,8 +329,3 @@ def _array(found: object, shape: tuple[int, ...], name: str) -> np.ndarray:
     )
     require(np.isfinite(array).all(), f"{name} has a value that is no finite number: is a sum that you divide by zero?")
     return array
-
-
-def _kept(arguments: tuple[np.ndarray, ...], before: list[np.ndarray]) -> None:
-    same = all((one == other).all() for one, other in zip(arguments, before, strict=True))
-    require(same, "Your function changes its arguments; make new arrays, for the caller needs the old ones.")

@@ -1,11 +1,11 @@
 """Checks of lesson 4: face normals, Eq. 11, and two surfaces that are equally far off."""
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
-from course.checks import passed, require
+from course.checks import given_by, passed, require
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.base.paths import REFERENCE
 from replicate.geometry.mesh import face_normals, vertex_normals
@@ -20,17 +20,7 @@ def _teen() -> PoseRecord:
     return load_pose(pose_file(REFERENCE, "teen"))
 
 
-def _kept(answer: Callable, *arguments) -> object:
-    """Return what an answer gives for copies of some arguments, which it may not change."""
-    copies = [argument.copy() if isinstance(argument, np.ndarray) else argument for argument in arguments]
-    given = answer(*copies)
-    require(given is not None, "Your function returns None: end it with a `return`.")
-    for copy, argument in zip(copies, arguments, strict=True):
-        require(
-            np.array_equal(copy, argument),
-            "Your function changes its argument: `b -= a` writes into an array, `b - a` makes a new one.",
-        )
-    return given
+_kept = partial(given_by, example="`b -= a` writes into an array, `b - a` makes a new one")
 
 
 # A right angle's corner in the plane z = 0, seen from +z counter-clockwise, and a face that has shrunk to a line.

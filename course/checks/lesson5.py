@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from course.checks import passed, require
+from course.checks import passed, require, require_kept
 from course.lesson5 import Charts, fresh_network
 from replicate.approximation import deformation_map
 from replicate.approximation.cnn import START, MapNetwork
@@ -25,7 +25,7 @@ def check_sample(sample: Callable, parts: Charts) -> None:
     image, uv = generator.normal(0, 3, (size, size, 3)), generator.uniform(0, 1, (40, 2))
     before = [image.copy(), uv.copy()]
     found = _array(sample(image, uv), (40, 3), "sample")
-    _kept((image, uv), before)
+    require_kept((image, uv), before)
     row, column = 1, 4
     pixel = np.array([[column, row]]) / (size - 1)
     at_pixel = _array(sample(image, pixel), (1, 3), "sample")[0]
@@ -88,7 +88,7 @@ def check_spread(spread: Callable, sample: Callable, parts: Charts) -> None:
     values = generator.normal(0, 2, (60, 3))
     before = [values.copy(), crowd.copy()]
     found = _array(spread(values, crowd, size), (size, size, 3), "spread")
-    _kept((values, crowd), before)
+    require_kept((values, crowd), before)
     one = spread(values[:, :1], crowd, size)
     require(
         np.shape(one) == (size, size, 1),
@@ -131,7 +131,7 @@ def check_best_map(best_map: Callable, sample: Callable, parts: Charts, offsets:
         truth = offsets[vertices].astype(float)
         before = [truth.copy(), uv.copy()]
         image = _array(best_map(truth, uv, size), (size, size, 3), "best_map")
-        _kept((truth, uv), before)
+        require_kept((truth, uv), before)
         grid = bilinear(uv, size)
         matrix = sampling_matrix(grid)
         mixed = image.reshape(3, size, size).transpose(1, 2, 0)
@@ -254,8 +254,3 @@ def _array(found: object, shape: tuple[int, ...], name: str) -> np.ndarray:
     )
     require(np.isfinite(array).all(), f"{name} has a value that is no finite number.")
     return array
-
-
-def _kept(arguments: tuple[np.ndarray, ...], before: list[np.ndarray]) -> None:
-    same = all((one == other).all() for one, other in zip(arguments, before, strict=True))
-    require(same, "Your function changes its arguments; make new arrays, for the caller needs the old ones.")

@@ -82,9 +82,9 @@ def _explain(value: float, vertices: torch.Tensor, target: torch.Tensor, faces: 
         (distance / n + alpha * normals / n, "You divide both terms by n: the normals' has f faces."),
         (distance / n, "The normals are missing: are yours the same for both meshes?"),
     )  # fmt: skip
+    require(np.isfinite(value), "Your loss is not a finite number on a plain mesh: what do you divide by?")
     for wrong, sentence in mistakes:
         require(abs(value - float(wrong)) > 1e-3 * abs(float(wrong)), sentence)
-    require(np.isfinite(value), "Your loss is not a finite number on a plain mesh: what do you divide by?")
     require(False, f"On {batch} poses of a small mesh Eq. 1 is {float(right):.4f}, yours {value:.4f}: print each term.")
 
 

@@ -1,10 +1,11 @@
 """Checks of lesson 7: a Jacobian by differences, the damped step, and a step that keeps limits."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from course.checks import passed, require
+from course.checks import given_by, passed, require
 from course.lesson7 import Networks, mean_distance, networks
 
 STEP = 1e-3  # of differences, in units of a control
@@ -13,18 +14,7 @@ DAMPING = 1.0  # mm²
 SLACK = 1e-7  # by how much rounding may carry a control past its limit
 
 
-def _kept(answer: Callable, *arguments) -> object:
-    """Return what an answer gives for copies of some arguments, which it may not change."""
-    copies = [argument.copy() if isinstance(argument, np.ndarray) else argument for argument in arguments]
-    given = answer(*copies)
-    require(given is not None, "Your function returns None: end it with a `return`.")
-    for copy, argument in zip(copies, arguments, strict=True):
-        if isinstance(argument, np.ndarray):
-            require(
-                np.array_equal(copy, argument),
-                "Your function changes its argument: `p += step` writes into an array, `p + step` makes a new one.",
-            )
-    return given
+_kept = partial(given_by, example="`p += step` writes into an array, `p + step` makes a new one")
 
 
 def _pull(net: Networks) -> np.ndarray:

@@ -337,7 +337,11 @@ def _check_effect(plan: lesson8.Plan, kind: str) -> None:
             number = lesson8.evidence().error(character, plan.base, kind)
         except MissingNumber:
             continue
-        spread = 2 * (number.sd or 0.0) / number.value
+        require(
+            number.sd is not None,
+            f"Table 2 has one run of {plan.base} on {character}, so nobody knows its spread: take a base with several.",
+        )
+        spread = 2 * number.sd / number.value
         require(
             abs(1 - effect) > spread,
             f"An effect of {abs(1 - effect):.1%} is less than {plan.base} varies over seeds on {character}, "

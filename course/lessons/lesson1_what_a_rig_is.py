@@ -79,9 +79,9 @@ print("the chain:", " → ".join(node.name for node in rig.nodes))
 # $$u = \frac{z}{\left(1 + (z/c)^6\right)^{1/6}}, \qquad
 # c = \begin{cases} c_\text{below} & z < 0 \\ c_\text{above} & z \ge 0 \end{cases}$$
 #
-# Every deformer has to be **silent at rest**: nothing in, nothing out. Here $z = 0$ gives $u = 0$, and near 0 the
-# node changes next to nothing: what it takes away grows with the sixth power of $z/c$. With $c = 0.156$, a control at
-# −0.1 loses 1 %.
+# Every deformer has to be **silent at rest**: nothing in, nothing out. Here $z = 0$ gives $u = 0$, and near 0 the node
+# changes next to nothing: the share that it takes away grows with the sixth power of $z/c$. With $c = 0.156$, a control
+# at −0.1 loses 1 %.
 
 
 # %% exercise="soft_limit"
@@ -100,14 +100,20 @@ def soft_limit(z, below, above):
 check_soft_limit(soft_limit, rig)
 
 # %% [markdown]
-# **Try.** The slider `jaw_open` ends at 0, with the lips closed. What is $u$ of it at $z = -1$? Its limits are these:
+# **Try.** The slider `jaw_open` begins at 0, with the lips closed. What is $u$ of it at $z = -1$? Its limits are these:
 #
 # ```python
 # k = [control.name for control in rig.controls].index("jaw_open")
-# below, above = (rig.face.constants["limits"][side][k] for side in ("below", "above"))
+# below, above = (rig.face.constants["limits"][side][k : k + 1] for side in ("below", "above"))
+# soft_limit(np.array([-1.0]), below, above)
 # ```
 #
 # You get a little less than 0: pressed lips. Why do riggers leave a control some slack on its closed side?
+# <details><summary>Answer</summary>
+#
+# Lips are soft: closing goes on for a little after they touch, as in an *m* or in anger. And what sets a control from
+# outside, a curve between two keys or a solver, overshoots: a hard end would stop it with a visible jolt.
+# </details>
 
 # %% [markdown]
 # ## The jaw
@@ -243,9 +249,9 @@ show(*bend_chart(SIZES, curves))
 # <details><summary>Answer</summary>
 #
 # Without contact the jaw is a curve as Taylor has it: a quarter each time. So is the smile. With contact the jaw has a
-# **rounded kink** at $t$ of about 0.02 to 0.1: at first the closed lips move as if nothing were between them, then
-# they part, and from there on each is on its own. Above that place 0.35 to 0.42 remains each time; below it, the
-# bend falls by more than Taylor's quarter, for the kink no longer adds to it. Raised brows start as a curve, too; near
+# **rounded kink** at $t$ of about 0.02 to 0.1: at first the closed lips move as if nothing were between them, then they
+# part, and from there on each is on its own. Above that place 0.35 to 0.42 remains each time; below it, the bend leaves
+# less than Taylor's quarter, 0.20 and 0.12, since the kink drops out. Raised brows start as a curve, too; near
 # $t = 1/16$ the forehead begins to fold, and the folds deepen less and less.
 # </details>
 #
@@ -272,8 +278,8 @@ views = {
 show(*heat_row(rig, views))
 
 # %% [markdown]
-# **Look.** Three reasons not to be linear, one a picture: which? (The jaw is drawn `loose`: with contact, the lips
-# alone would fill the scale.)
+# **Look.** Each picture shows another reason why the face is not linear. Which? (The jaw is drawn `loose`: with
+# contact, the lips alone would fill the scale.)
 # <details><summary>Answer</summary>
 #
 # The jaw turns, so its points go along an arc. The two patches over the raised brows are there without the node

@@ -37,8 +37,8 @@ show(*fit_picture(rig, poses, SMOOTH, {"a straight line": line[SMOOTH]}))
 #
 # From now on the rig is a black box. All that we have of it are poses: controls $\mathbf p_i$ and offsets
 # $\boldsymbol\Delta_i = \mathbf V_i - \mathbf V^0$, drawn from the teen's animation as the paper does (Eq. 5). The
-# poses that we judge by come from *clips* of which no frame was used: neighbouring frames are nearly equal, and a fit
-# that has seen one knows the other.
+# poses that we judge by come from *clips*, single scenes of the animation, of which no frame was used: neighbouring
+# frames are nearly equal, and a fit that has seen one knows the other.
 
 # %%
 print(f"to learn from: {len(poses.inputs)} poses of {poses.inputs.shape[1]} controls")
@@ -193,11 +193,11 @@ levels = {"neutral face": errors(poses, 0 * poses.test_offsets), "straight line 
 show(*error_chart(COUNTS, curves, levels))
 
 # %% [markdown]
-# **Look.** The floor (blue) keeps falling: the shapes are good. The line to coefficients (orange) can get no lower
-# than the line to vertices (dotted). In mm it is soon there, and more shapes are wasted on it; in degrees it is
-# still on its way, since late shapes are small in mm and full of folds. What lies between the two curves is what a
-# *nonlinear* map from controls to the same coefficients could win. Studios ship just that, a small network to PCA
-# coefficients; the suite has it as its method `pca`.
+# **Look.** The floor (blue) keeps falling: the shapes are good. The line to coefficients (orange) gets no lower here
+# than the line to vertices (the lower dotted line). In mm it is soon there, and more shapes are wasted on it; in
+# degrees it is still on its way, since late shapes are small in mm and full of folds. What lies between the two curves
+# is what a *nonlinear* map from controls to the same coefficients could win. Studios ship just that, a small network to
+# PCA coefficients; the suite has it as its method `pca`.
 #
 # **Try.** Other strengths, `1e-6` or `1e-2`. How would you choose one without looking at the held-out poses?
 # <details><summary>One answer</summary>
@@ -213,11 +213,12 @@ show(*error_chart(COUNTS, curves, levels))
 # $\mathbf x$, $(n)$ numbers,
 #
 # $$\|\mathbf x\|_Q^2 = \mathbf x^\top \mathbf Q\, \mathbf x
-# = \frac1n \sum_v x_v^2 + \frac{\alpha^2}{f} \sum_{\text{edges } ij} \frac{(x_i - x_j)^2}{\ell_{ij}^2},$$
+# = \frac1n \sum_v x_v^2 + \frac{\alpha^2}{f} \sum_{\text{triangles}}\ \sum_{\text{its edges } ij}
+# \frac{(x_i - x_j)^2}{\ell_{ij}^2},$$
 #
-# and of an offset the sum over x, y and z. It is what the paper's loss (Eq. 1) sees of small offsets, with its
-# $\alpha = 5$. $\mathbf Q$ is sparse, $n \times n$; `apply_metric(metric, offsets)` gives $\mathbf Q \mathbf x$ of
-# each coordinate, in the shape of the offsets.
+# and of an offset the sum over x, y and z. It is the relative with squares of the loss that the paper's networks
+# minimise (Eq. 1, in lesson 6), with its weight $\alpha = 5$ of normals. $\mathbf Q$ is sparse, $n \times n$;
+# `apply_metric(metric, offsets)` gives $\mathbf Q \mathbf x$ of each coordinate, in the shape of the offsets.
 #
 # The best shapes in this metric are orthonormal *in it*, $\langle \mathbf B_k, \mathbf Q \mathbf B_l \rangle = 1$
 # or 0. You need only one change: the small matrix is now $\mathbf X \mathbf Q \mathbf X^\top$, summed over x, y and
@@ -281,7 +282,7 @@ show(*fit_picture(rig, poses, FOLDED, fits, clay=False))
 # ## The suite's own
 #
 # The same methods in the suite, with all training poses and random frames held out, from its committed results:
-# *linear* is a line to each segment's vertices, *pca* a network to PCA coefficients, *pca_line* that network with a
+# *linear* is a line to all vertices, *pca* a network to PCA coefficients, *pca_line* that network with a
 # line beside it. Beware: of *random* frames held out, the neighbours were trained on. So compare its rows with each
 # other, not with your chart.
 

@@ -145,7 +145,8 @@ check_align(align, face)
 
 # %% [markdown]
 # What it is good for: the paper calls a part **rigid** if what `align` leaves of it is below $\tau = 0.3$ mm, the mean
-# over poses. Rigid parts need no network; they follow a few vertices of the skin (§3.4). Let your function decide.
+# over poses, as we read its Eq. 3 ([D15](../../DEVIATIONS.md#d15-eq-3-becomes-a-length)). Rigid parts need no network;
+# they follow a few vertices of the skin (§3.4). Let your function decide.
 
 # %%
 errors = {}
@@ -166,6 +167,8 @@ show(*lesson3.rigid_chart(errors, tau_mm=0.3))
 #
 # ```python
 # one = (face.segment == face.names.index("ears")) & (face.rest[:, 0] > 0)
+# rest, poses = face.rest[one].astype(float), face.training[:20, one].astype(float)
+# np.mean([np.sqrt(((rest @ R + t - pose) ** 2).sum(1).mean()) for pose in poses for R, t in [align(rest, pose)]])
 # ```
 #
 # That is still above $\tau$. On a screen a head may be ten metres high, forty times its size: a millimetre is four
@@ -326,8 +329,8 @@ lbs16, lbs32 = (record.vertices[name] for name in ("lbs16", "lbs32"))
 show(*lesson3.forehead_row(record, {"your 16 bones": yours, "the suite's 16": lbs16, "its 32": lbs32}))
 
 # %% [markdown]
-# **Look** for lines where your surface tears. What do neighbours on its two sides not have in common? Here is the edge
-# of this picture that tears most, and the weights of its two ends, by the numbers of your bones:
+# **Look** for lines where your surface tears. What differs between two neighbours on either side of such a line? Here
+# is the edge of this picture that tears most, and the weights of its two ends, by the numbers of your bones:
 
 # %%
 for vertex in lesson3.tear(record, yours):

@@ -127,8 +127,8 @@ check_angle(mean_angle)
 # <details><summary>Answer</summary>
 #
 # A is nearer in millimetres: who took A went by the ruler. B has its folds where the rig has them, and of nearly the
-# same depth: who took B went by the protractor. It is wrong in the way that eyes forgive, by a little and everywhere
-# alike, where A's errors begin and end within a few millimetres.
+# same depth: who took B went by the protractor. Most of its error is a smooth shift, which eyes forgive; A's errors
+# begin and end within a few millimetres. Look at B's lids and hairline, too: there it has thin lines of its own.
 # </details>
 
 
@@ -190,7 +190,7 @@ move(profile, {"wavelength_mm": (3, 40, 10), "amplitude_mm": (0, 1, 0.5)}, still
 # Your turn to fool the ruler. Bend the true face in two ways, both wrong by the same mean distance:
 #
 # - **smooth**, so that normals hardly turn, and
-# - **rippled**, so that they turn at least ten times as much.
+# - **rippled**, so that they turn at least ten times as much, and by at least 10° for each mm (1° at 0.1 mm).
 #
 # You get the unit normals of vertices; moving along them is natural, but you need not. Nothing may stick out: no
 # vertex moves by more than five times the mean distance. A shift of the whole face counts as smooth, and noise as
@@ -203,7 +203,7 @@ def pair(vertices, normals, distance_mm):
     """Return two bent surfaces (smooth, rippled), each (n, 3), mm.
 
     The mean distance of each from `vertices` is distance_mm, and rippled has at least ten times
-    the normal error of smooth.
+    the normal error of smooth, and at least 10° for each mm.
 
     vertices: (n, 3), mm. normals: (n, 3), their unit normals. Leave both as they are.
     """
@@ -290,7 +290,7 @@ show(chart(poses, mean_distance, mean_angle, waves_mm=(12, 40, 120, 400)), about
 # could have only one?
 # <details><summary>Answer</summary>
 #
-# Methods trade places where a line through two marks falls to the right: there the one with fewer millimetres has more
+# Two methods trade places if the one farther right is lower: the one with fewer millimetres has more
 # degrees, as A against B at the start of the lesson. A mark that moves along a grey line has
 # errors of the same kind, only larger; one that moves to the right of it has errors with more of a shift in them, as a
 # network whose jaw is not quite open enough. For folds in raking light ask for degrees, for an eye that has to close on

@@ -34,8 +34,8 @@ pictures = {name: polyharmonic_map(parts[name][1], offsets[parts[name][0]], 32) 
 show(*face_as_pictures(record, rig.mesh, pictures))
 
 # %% [markdown]
-# **Look.** Find the mouth in the maps, and the folds of the forehead. Which of the two is larger in its map than on the
-# face?
+# **Look.** Find the mouth in the maps, and the folds of the forehead. Which of the two takes up a larger share of its
+# map than of the face?
 # <details><summary>Answer</summary>
 #
 # The mouth lies between two maps: at the top of face 1, where the notch is, and at the bottom of face 2. The folds are
@@ -127,12 +127,14 @@ check_spread(spread, sample, parts)
 # ## The best map
 #
 # How good can a map of some size be, whatever network draws it? That is a least-squares problem, and its answer is a
-# **floor**: no network with such a map has a smaller sum of squared distances, in mm². (The charts below show the mean
-# distance and the normal error instead. There it is a good guide, but no strict bound, for nothing has minimised them.)
+# **floor**: no network with such a map has a smaller sum of squared distances, in mm². (The diagrams below show the
+# mean distance and the normal error instead. There it is a good guide, but no strict bound, for nothing has minimised
+# them.)
 #
 # $$\min_I\ \|\mathbf G I - \boldsymbol\Delta\|^2 + \lambda \|I\|^2, \qquad \lambda = 10^{-6}.$$
 #
-# The second term decides only about pixels that nobody reads. `scipy.sparse.linalg.lsmr` solves this, and asks for
+# The second term decides only what the vertices leave open: pixels that nobody reads and, where more pixels are read
+# than there are vertices, which of the many best maps it is. `scipy.sparse.linalg.lsmr` solves this, and asks for
 # nothing but the two directions:
 #
 # ```python
@@ -169,7 +171,7 @@ def best_map(offsets, uv, size):
 check_best_map(best_map, sample, parts, offsets)
 
 # %% [markdown]
-# **Your maps** now hold the whole face, one map for each part of it. Only the 24 teeth (1,300 of the 12,510 vertices)
+# **Your maps** now hold the whole face, one map for each part of it. Only the 26 teeth (1,300 of the 12,510 vertices)
 # have none: each is rigid, so a rotation and a shift place it. How many pixels does a forehead need?
 
 # %%
@@ -311,7 +313,7 @@ with torch.no_grad():
     rows = {"convolutions": decode(net, poses).numpy(), "dense": dense(poses).reshape(4, 32, 32, 3).numpy()}
 show(*decoder_picture(rows))
 learned = weights_of(net.dense[-1:], net.upsampled, net.last, net.output)
-print(f"learned behind the first 256 numbers: {learned:,}; with a dense last layer: {weights_of(*dense[2:]):,}")
+print(f"weights after the first 256 numbers: {learned:,}; with a dense last layer: {weights_of(*dense[2:]):,}")
 
 # %% [markdown] think="order"
 # **Think.** You shuffle the vertices' texture coordinates: every vertex gets the place of another. What happens to the
@@ -321,7 +323,7 @@ print(f"learned behind the first 256 numbers: {learned:,}; with a dense last lay
 # The floor rises, by far. The places are the same ones, so crowds and gaps stay where they were. But the offsets were
 # smooth over the map: where several vertices share four pixels, they wanted nearly the same, and a blend of four served
 # them all. After the shuffle strangers share pixels, and no blend serves them. Try it: permute the rows of each part's
-# `uv`, and fit 32×32 pixels again. With a pixel for each vertex the order would be nothing to the floor.
+# `uv`, and fit 32×32 pixels again. With a pixel for each vertex the floor would not depend on the order.
 #
 # That much hurts both networks. Otherwise the dense one doesn't mind: it never knew which pixels are neighbours. The
 # CNN also loses what it was built on. It shares its

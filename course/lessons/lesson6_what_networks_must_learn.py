@@ -222,7 +222,9 @@ print(lesson6.wins(face, line, predictions["network"]))
 # compare the picture's numbers with the two shares that are printed.
 
 # %% [markdown]
-# **Try.** Train both with `steps=1600`. Does the plain network get below the line? Does it catch up with yours?
+# **Try.** Train both anew with `steps=1600`: `train` goes on from what a model has learnt, so make fresh ones first,
+# `lesson6.Alone(lesson6.small_network(face), lesson6.rms(face.offsets))` and a new `BesideLine`. Does the plain network
+# get below the line? Does it catch up with yours?
 # On whole characters, with thousands of steps, [table2_line](../../notebooks/table2_line.ipynb) asks the same.
 
 # %% [markdown] think="longer"
@@ -301,8 +303,24 @@ show(*pictures.products(shapes))
 # it sees, and a second layer with the fourth power. Our method therefore clips what its gates see to the range of
 # training, and lets only the line go on beyond (`replicate/regional/networks.py`).
 #
-# **Try.** Replace the small network in `BesideLine` by one with your gated layer, `steps=400`. It may well be no
-# better: gates are slow to start. Try a learning rate four times as large (`rate=0.02` in `train`), and more steps.
+# **Try.** Replace the small network in `BesideLine` by one with your gated layer, `steps=400`:
+#
+# ```python
+# class Gated(torch.nn.Module):
+#     def __init__(self, controls, gates, vertices):
+#         super().__init__()
+#         self.U, self.V = (torch.nn.Parameter(torch.randn(controls, gates) / controls**0.5) for _ in range(2))
+#         self.a, self.c = torch.nn.Parameter(torch.zeros(gates)), torch.nn.Parameter(torch.zeros(gates))
+#         self.out = torch.nn.Linear(gates, 3 * vertices)
+#         torch.nn.init.normal_(self.out.weight, std=1e-3)  # a small start: the model begins as the line
+#         torch.nn.init.zeros_(self.out.bias)
+#
+#     def forward(self, x):
+#         return self.out(gated(x, self.U, self.a, self.V, self.c)).reshape(len(x), -1, 3)
+# ```
+#
+# It may well be no better: gates are slow to start. Try a learning rate four times as large (`rate=0.02` in `train`),
+# and more steps.
 #
 # ## 6. Regions: what a network need not see
 # One network for the whole head has to learn that an ear does *not* depend on the lips, from poses in which all
@@ -315,8 +333,10 @@ show(*pictures.regions(face))
 
 # %% [markdown]
 # What are these pieces worth on a real character? The [study of our method](../../notebooks/bench_regional.ipynb)
-# changes the method on the teen, all with the same steps. The base is one network for all regions, with line and
-# gates, on two hidden layers of 384. The table has its errors on *validation* poses multiplied by …
+# changes the method on the teen, all with the same steps. The base is one network for all regions, with line and gates,
+# on two hidden layers of 384. Our method doesn't give vertices one by one: it mixes the strongest shapes of a region,
+# its *components*, by the PCA of lesson 2 in the metric that knows normals. *Positions alone* are those in plain mm.
+# The table has the base's errors on *validation* poses multiplied by …
 
 # %%
 pictures.pieces()
@@ -331,8 +351,10 @@ pictures.pieces()
 # *one* training: how large would a factor have to be before you believed it?
 # <details><summary>Answer</summary>
 #
-# Sort each column by how far its factors are from 1. At first sight the two columns have different winners: the kind
-# of error that training minimises moves millimetres, regions move degrees. First to go is the row nearest to 1 in both.
+# Sort each column by how far its factors are from 1; they are ratios, so ×0.4 is farther than ×1.8, which is 1/0.56.
+# In both columns regions come first: the controls that each of them sees in millimetres, many of them in place of one
+# in degrees. Second is the kind of error that training minimises in millimetres, and the line in degrees. First to go
+# is the row nearest to 1 in both.
 # A factor has to be larger than what another seed does to the *same* method. The table has one training a row, so it
 # can't say; a few percent are surely too little. Lesson 8 measures it.
 # </details>

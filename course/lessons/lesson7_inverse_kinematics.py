@@ -164,9 +164,9 @@ show(damping_chart(net.slopes(net.default), runs), about)
 # <details><summary>One answer</summary>
 #
 # Stronger directions keep nearly all of $1/\sigma$, weaker ones are switched off. The price is rounds. By the network
-# the least damping is nearest, and at once: nothing yet speaks for more. The rig does: there the nearest is not the
-# least damped, since the weak directions carry controls far off for the last bits of a millimetre. Keep both lines in
-# mind until the table at the end.
+# the least damping is nearest from the second round on: nothing yet speaks for more. The rig does: there the nearest is
+# not the least damped, since the weak directions carry controls far off for the last bits of a millimetre. Keep both
+# lines in mind until the table at the end.
 # </details>
 #
 # ## Limits
@@ -330,8 +330,8 @@ from course.lesson7 import animation_error_mm
 print(f"{animation_error_mm():.2f} mm on held-out poses of the animation")
 
 # %% [markdown] think="faults"
-# **Think.** Go down your four rows. Why can *less* damping leave more in the first column, too, which each step makes
-# small? And beyond that: why can more damping help the second column while it costs the first?
+# **Think.** Go down your four rows. Each step tries to make the first column small. Why, then, can *less* damping leave
+# more even there? And beyond that: why can more damping help the second column while it costs the first?
 # <details><summary>Answer</summary>
 #
 # Two faults are mixed. *A step that is too long.* With little damping weak directions send dozens of controls to their

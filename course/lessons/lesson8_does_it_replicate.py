@@ -17,6 +17,12 @@ show(*lesson8.seeds_chart())
 # %% [markdown]
 # **Look.** Which pairs of methods could you order after a *single* seed of each? For which would you rather see
 # all three?
+# <details><summary>Answer</summary>
+#
+# Those whose strokes lie farther apart than either method's own strokes do. Where they mix, a second seed could turn
+# the order. Even then one question is left, and section 1 answers it: do two methods change places *within* a seed, or
+# is a hard seed hard for both?
+# </details>
 #
 # ## 1. A rule before the numbers
 # "Our method is better" is not a claim until somebody says how much smaller which number has to be, on what. For
@@ -38,13 +44,14 @@ show_text(f"> **C2. {claim_named('C2').text}.** {claim_named('C2').rule}")
 #
 # $$\bar d > 2\,\mathrm{sd}(d),$$
 #
-# where $\mathrm{sd}$ is the standard deviation over the seeds, with $n-1$ in the denominator. With one seed there
-# is no spread to be known, and $\bar d>0$ has to do. This is a rule of thumb.
-# [The suite's own](../../notebooks/claims.ipynb) asks for more: Student's 95 % interval of the *ratio*, and at least
-# half of the paper's effect, with *undecided* and *direction only* between *holds* and *fails*; of a single seed
-# alone it decides nothing.
+# where $\mathrm{sd}$ is the standard deviation over the seeds, with $n-1$ in the denominator. With one seed there is no
+# spread to be known, and $\bar d>0$ has to do. This is a rule of thumb. [The suite's own](../../notebooks/claims.ipynb)
+# asks for more: a 95 % interval of the *ratio* (Student's, which is wider the fewer seeds there are), and at least half
+# of the paper's effect, with *undecided* and *direction only* between *holds* and *fails*; of a single seed alone it
+# decides nothing.
 #
-# **Exercise 1: the claim** (15 minutes). `clearance` is by how much a comparison holds; `judge_c2` applies the
+# **Exercise 1: the claim** (15 minutes). `clearance` says how far above 0 a difference stays when twice its spread is
+# taken off (above 0 the comparison holds); `judge_c2` applies the
 # rule of thumb. The paper's six methods are in `lesson8.PAPERS`; the best one should be *refined*, on the dragon
 # *dense*. Also return the **effect**: the mean error of that
 # best one, over seeds, divided by the smallest mean among the other five.
@@ -99,7 +106,7 @@ table.assign(C2=table["C2"].map({True: "holds", False: "fails"}), effect=table["
 #
 # ## 2. A verdict is not an effect
 # Seed by seed, tiny differences can be certain. Here is another claim of the paper, with its ratios: ours as
-# dots, the paper's as rings. Left of 1 is what the claim wants; a bar is the 95 % interval.
+# dots, the paper's as rings. Left of 1 is what the claim wants. Bars are 95 % intervals, here shorter than the dots.
 
 # %%
 from replicate.targets.claims import claim_chart, open_claims
@@ -108,14 +115,19 @@ run = open_claims("reference")
 show(*claim_chart(run.ours, run.paper, "C1"))
 
 # %% [markdown]
-# **Look.** On which characters would an animator see the difference between coarse and refined? (The last two stand
-# for none of the paper's, and tell something else than the first four.) So always say both: whether (the verdict,
-# with its
-# spread), and how much (the effect).
+# **Look.** On which characters would an animator see the difference between coarse and refined?
+# <details><summary>Answer</summary>
+#
+# On ict alone: its face is one chart, whose pixels are too few, and refinement takes off a third and more. On all the
+# others it is a few percent at most, which nobody sees.
+# </details>
+#
+# So always say both: whether (the verdict, with its spread), and how much (the effect).
 #
 # **And beside what?** A ratio of two networks hides whether either is any good. In this table the face at
 # rest learns nothing, the straight line is a ridge regression, no network, and the last column is what refined *maps*
-# could hold if their network were perfect. It is a floor for refined alone: dense has no maps, and may go below it.
+# can hold, fitted in mm (lesson 5). In degrees it is a good guide, no strict bound, and for refined alone: dense has no
+# maps.
 
 # %%
 lesson8.limits_table()
@@ -124,6 +136,13 @@ lesson8.limits_table()
 # **Look.** On which characters does a straight line beat a network of the paper? How much of the way from rest to
 # its floor does refined go? Where the line beats both networks, what does it tell you that one of them beats the
 # other?
+# <details><summary>Answer</summary>
+#
+# Read the first from the table; it changes with each training. For the second take (neutral − refined) / (neutral −
+# floor): most of the way, and the rest is what wrinkles are made of. For the third: little. Both networks are then
+# behind what needs no training, and the question is no longer which is the better network but what both have not
+# learnt.
+# </details>
 #
 # ## 3. Leaks
 # A test tells how a method does on poses that it has *not* learnt. An animation has 24 frames a second, and the
@@ -216,6 +235,12 @@ show(*clips_chart("reference"))
 # **Look.** Which error suffers more, distances or normals? Do all methods suffer alike? Does the *order* of two
 # methods change? (A leak that flatters all alike is a wrong number; one that flatters some is a wrong
 # conclusion.)
+# <details><summary>Answer</summary>
+#
+# Mostly normals. Not alike: what is fitted to the very pose that is tested (LBS) hardly suffers, the line and the CNN
+# do by a fifth, dense networks by a third: they have learnt more of the frames by heart. Their order stays, but their
+# lead over the CNN shrinks; so does ours.
+# </details>
 
 # %% [markdown] think="stopping"
 # **Think.** After three seeds your method is better in the mean, but not by twice the spread. A colleague says:
@@ -244,7 +269,7 @@ show(*clips_chart("reference"))
 # A method of yours is one file, and `make table2 METHODS="standard mine.py"` adds its row to Table 2
 # ([how](../../REPRODUCING.md#a-method-of-your-own)). An ablation is a method with *one* thing changed. Choose one
 # that you would like to know: the line beside a network (lesson 6), wider layers, another α, squares instead of
-# absolute values, half of the training poses (you may expect a *larger* error), …
+# absolute values, half of the training poses (then you expect an error that is *larger* by at least so much), …
 #
 # **Exercise 4: a plan** (15 minutes). Fill in a `Plan`; what each entry means, with a command as an
 # example, is in `help(lesson8.Plan)`. The check reads it as a referee would. It then prints a seal, twelve

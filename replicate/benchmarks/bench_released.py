@@ -26,7 +26,7 @@ from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.heatmap import middle_line, normal_bar, normal_heat, split_face
 from replicate.drawing.panels import DPI, MEASURES, WIDTH, Words, enlarge, tidy
 from replicate.drawing.render import render
-from replicate.methods import artefacts, released
+from replicate.methods import artefacts
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
 from replicate.report.pose_record import TRUTH, PoseRecord, clay_surfaces, view_of
@@ -41,7 +41,9 @@ ABOUT = "which part of the released recipe makes the paper's dense networks fail
 WRITES = "results/runs/bench/bench_released.csv, bench_released_<character>.png"
 TABLE = "bench_released"
 STEPS = 3_000
-SECTIONS = {"dense": released.dense_section, "coarse": released.coarse_section}  # of the configuration, by method
+SECTIONS = {  # of the configuration, by method
+    name: method_named(f"{name}_released").default_section for name in ("dense", "coarse")
+}
 PIECES = {  # of a recipe: the keys of the section that it consists of
     "controls": ("conditioning.inputs",),
     "unit of offsets": ("conditioning.unit_mm",),
@@ -189,7 +191,6 @@ SHOWN = (
     ("coarse", "ours"),
 )
 COLUMNS, TALL, LIMIT_DEG = 3, 1.2, 30.0  # faces in a row; a picture's height over its width; the end of the colours
-LINES = ("mm", "degrees")
 
 
 def faces_of(variants: Sequence[Variant]) -> PoseRecord:
@@ -221,7 +222,7 @@ def median_pose(offsets: Float[np.ndarray, "p n 3"]) -> int:
 
 def released_faces(record: PoseRecord) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the rig's pose, and each prediction as half surface, half normal errors."""
-    width = cell_width(COLUMNS, LINES)
+    width = cell_width(COLUMNS)
     height = round(TALL * width)
     view = view_of(record, "front", width / height)
     draw = partial(render, camera=view, width=width, height=height)
@@ -232,12 +233,12 @@ def released_faces(record: PoseRecord) -> "tuple[matplotlib.figure.Figure, Words
             continue
         heat = draw([normal_heat(vertices, truth, record.faces, LIMIT_DEG)])
         line = middle_line(record.neutral, truth, record.faces, view, width, height)
-        distance = f"{vertex_error(vertices, truth).mean():.2f}"
-        angle = f"{np.nanmean(normal_error(vertices, truth, record.faces)):.2f}"
+        distance = f"{vertex_error(vertices, truth).mean():.2f} mm"
+        angle = f"{np.nanmean(normal_error(vertices, truth, record.faces)):.2f}°"
         cells.append(Cell(name, (split_face(draw(clay_surfaces(record, name)), heat, line),), (distance, angle)))
-        phrases.append(f"{name}, {distance} mm and {angle} degrees")
+        phrases.append(f"{name}, {distance} and {angle}")
     bar = partial(normal_bar, limit_deg=LIMIT_DEG, orientation="horizontal")
-    figure = face_sheet(cells, COLUMNS, LINES, bar)
+    figure = face_sheet(cells, COLUMNS, bar)
     return figure, Words(
         f"Six heads in one pose: the rig, then five networks', left half clay, right half normal errors. "
         f"Mean errors: {'; '.join(phrases)}.",

@@ -33,15 +33,14 @@ class Cell:
     lines: tuple[str, ...] = ()
 
 
-def cell_width(columns: int, line_names: Sequence[str] = (), width: int = WIDTH) -> int:
-    """Return how wide pictures are, in pixels, where so many columns and the lines' names fill a sheet."""
-    return int((width - _names_width(line_names, width) - 2 * MARGIN - (columns - 1) * GAP) / columns)
+def cell_width(columns: int, width: int = WIDTH) -> int:
+    """Return how wide pictures are, in pixels, where so many columns fill a sheet."""
+    return int((width - 2 * MARGIN - (columns - 1) * GAP) / columns)
 
 
 def face_sheet(
     cells: Sequence[Cell],
     columns: int,
-    line_names: Sequence[str] = (),
     bar: Callable | None = None,
     width: int = WIDTH,
     first_bold: bool = False,
@@ -51,7 +50,6 @@ def face_sheet(
 
     cells: with pictures of the same sizes, as wide as `cell_width` says.
     columns: cells in a row.
-    line_names: what the cells' lines are, written at the left of each row.
     bar: (figure, axes) → None, draws a horizontal colour bar below the last row.
     width: of the figure, pixels.
     first_bold: write the first line of each cell in bold.
@@ -60,7 +58,7 @@ def face_sheet(
     from matplotlib.figure import Figure
 
     # sizes in pixels, from the titles' lines to the whole height
-    letter, names = LETTER * width, _names_width(line_names, width)
+    letter = LETTER * width
     across = cells[0].pictures[0].shape[1]
     titles = [_in_lines(cell.title, int(across / (WIDE * letter))) for cell in cells]
     rows = [range(start, min(start + columns, len(cells))) for start in range(0, len(cells), columns)]
@@ -73,27 +71,25 @@ def face_sheet(
     figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
     size, weights = letter * 72 / DPI, ("bold" if first_bold else "normal", "normal")
 
-    def write(x: float, y: float, text: str, **style) -> None:  # pixels from the upper left corner
-        figure.text(x / width, 1 - y / height, text, va="center", fontsize=size, **style)
+    def write(x: float, y: float, text: str, weight: str = "normal") -> None:  # pixels from the upper left corner
+        figure.text(x / width, 1 - y / height, text, ha="center", va="center", fontsize=size, weight=weight)
 
-    # row by row: names of lines at the left, then each cell from its title down
+    # row by row, each cell from its title down
     top = 0.0
     for row, room in zip(rows, above, strict=True):
         first_line = top + room + tall + letter * (LINE / 2 + 0.2)
-        for k, name in enumerate(line_names):
-            write(MARGIN, first_line + k * LINE * letter, name, ha="left")
         for column, k in enumerate(row):
-            left = MARGIN + names + column * (across + GAP)
+            left = MARGIN + column * (across + GAP)
             for j, words in enumerate(titles[k]):
                 y = top + room - letter * (0.25 + LINE * (len(titles[k]) - j - 0.5))
-                write(left + across / 2, y, words, ha="center")
+                write(left + across / 2, y, words)
             y = round(top + room)
             for picture in cells[k].pictures:
                 _place(figure, picture, left, y)
                 y += picture.shape[0] + GAP
             for j, text in enumerate(cells[k].lines):
                 y = first_line + j * LINE * letter
-                write(left + across / 2, y, text, ha="center", weight=weights[j > 0])
+                write(left + across / 2, y, text, weights[j > 0])
         top += room + tall + under
     # the colour bar, and the pictures that fill the width
     if bar:
@@ -122,10 +118,6 @@ def _with_its_mark(title: str) -> str:
     """Return a title in which a mark at the end stays on the line of the word before it."""
     words, space, mark = title.rpartition(" ")
     return f"{words}\N{NO-BREAK SPACE}{mark}" if space and len(mark) == 1 and not mark.isalnum() else title
-
-
-def _names_width(line_names: Sequence[str], width: int) -> int:
-    return round((max(map(len, line_names)) + 1) * WIDE * LETTER * width) if line_names else 0
 
 
 def _place(figure, picture: np.ndarray, left: float, top: float) -> None:

@@ -1,6 +1,6 @@
 """The vertex normals of one pose, compiled: while a point is dragged, every update of the mesh needs them.
 
-`geometry.normals.vertex_normals` is the clear way. Here each face is read once and adds its normal, as long as twice
+`geometry.mesh.vertex_normals` is the clear way. Here each face is read once and adds its normal, as long as twice
 its area, to its three corners.
 """
 

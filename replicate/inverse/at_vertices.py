@@ -33,11 +33,6 @@ def at_vertices(model: object, vertices: Int[np.ndarray, " c"]) -> Points:
     return points
 
 
-def is_differentiable(model: object) -> bool:
-    """Return whether `at_vertices` works for a model."""
-    return _at_vertices.dispatch(type(model)) is not _at_vertices.dispatch(object) or hasattr(model, "at_vertices")
-
-
 @singledispatch
 def _at_vertices(model: object, vertices: np.ndarray) -> Points:
     if not hasattr(model, "at_vertices"):

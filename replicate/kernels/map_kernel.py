@@ -4,7 +4,7 @@ The fast twin of `cnn.MapNetwork.maps` followed by `deformation_map.sample`. Fou
 changes the function: a nearest-upsampled image shows the 3×3 kernel only 2×2 different pixels, so that each of the four
 positions of an output pixel has a kernel of four taps; the 16 channels of a pixel are one vector (`pixel_kernel`); the
 map is sampled before the last 1×1 convolution, which then runs over vertices; and pixels that no vertex depends on are
-left out, forwards and backwards (`pixel_lists`).
+left out, forwards and backwards (`pixel_kernel`).
 
 Images are (b, s + 2, s + 2, 16) float32 with a border of zeros, stored flat. Taps are (t, 16, 16), [tap, in, out].
 What an image holds elsewhere than in its layer's pixels and on the border is of no meaning; gradients are zero there.
@@ -215,7 +215,7 @@ class Grid(NamedTuple):
     """How vertices read a network's last map, and what that takes.
 
     upper: (k,) int32, where the first of a vertex's four pixels lies in the image. shares: (k, 4), of a `Bilinear`.
-    layers: the pixels of each layer that this needs, from the 8×8 maps on (`pixel_lists.layers_of`).
+    layers: the pixels of each layer that this needs, from the 8×8 maps on (`pixel_kernel.layers_of`).
     """
 
     upper: np.ndarray

@@ -2,7 +2,7 @@
 
 Plain loops leave it to the compiler to keep the sums in registers, and it does not. Here eight sums of 16 channels each
 stay there while all taps of a kernel go by. Pixels need not be neighbours, so that a layer can leave out those that
-nothing reads (`pixel_lists`). Each has a plain twin, `…_plain`.
+nothing reads (below). Each has a plain twin, `…_plain`.
 """
 
 from collections.abc import Callable, Sequence

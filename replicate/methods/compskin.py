@@ -14,6 +14,7 @@ choice and no search; `laptop` has 2,000 steps of each kind for it. Nothing make
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,25 +107,18 @@ def train(context: StageContext) -> None:
     context.note(components=len(basis), bones=len(compressed.centres), numbers=network.numbers())
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.baselines.skinning.compskin.CompressedModel":
-    """Return the network with the skin as published."""
+def load_trained(name: str, inputs: Mapping[str, Path]) -> "replicate.baselines.skinning.compskin.CompressedModel":
+    """Return the network with the skin that the stage of a name has compressed."""
     from replicate.baselines.skinning.compskin import load_compressed
 
-    return load_compressed(inputs[PUBLISHED])
-
-
-def load_best(inputs: Mapping[str, Path]) -> "replicate.baselines.skinning.compskin.CompressedModel":
-    """Return the network with the larger skin."""
-    from replicate.baselines.skinning.compskin import load_compressed
-
-    return load_compressed(inputs[BEST])
+    return load_compressed(inputs[name])
 
 
 _METHOD = Method(
     PUBLISHED,
     "Compressed skinning",
     lambda plan: (stage(plan),),
-    model=load_model,
+    model=partial(load_trained, PUBLISHED),
     place=74,
     note="Compressed skinning (Kavan et al. 2024) of PCA shapes, whose coefficients a network gives.",
     colour="#BCBD22",
@@ -139,7 +133,6 @@ METHODS = (
         "Compressed skinning, larger",
         74.5,
         stages=lambda plan: (best_stage(plan),),
-        model=load_best,
         default_section=own_best,
         note="Compressed skinning with 80 bones and 24,000 numbers in place of 40 and 6,000, and less smoothing.",
         colour="#DBDB8D",

@@ -7,7 +7,6 @@ whole model no larger than the refined model of this configuration, counted from
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from replicate.approximation.model_size import MapShape, cnn_size_mb, dense_width, shape_of
 from replicate.base.exceptions import InputError
@@ -16,10 +15,6 @@ from replicate.methods import artefacts, dense_network
 from replicate.methods.method import variant
 from replicate.methods.plan import Plan, TrainingSettings
 from replicate.methods.training_stage import inputs_of_networks, train_on_segments
-
-if TYPE_CHECKING:
-    import replicate.approximation.model
-
 
 # How large the refined model is under a configuration, for methods that may not be larger.
 
@@ -96,19 +91,11 @@ def narrow_widths(inputs: Mapping[str, Path], hidden: tuple[int, ...], shapes: R
     return (*hidden[:-1], min(width, hidden[-1]))
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the narrow networks."""
-    from replicate.baselines.dense import load_dense
-
-    return load_dense(inputs["dense_small"])
-
-
 METHOD = variant(
     dense_network.METHOD,
     "dense_small",
     "Dense, narrow",
     64.5,
     stages=lambda plan: (stage(plan),),
-    model=load_model,
     note="Dense networks whose last hidden layer is so narrow that the model is no larger than the refined one.",
 )

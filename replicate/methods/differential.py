@@ -17,6 +17,7 @@ the wide network keeps, to 0.0061 in 450. No other rates were tried. Nothing mak
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -187,25 +188,18 @@ def subspace(rows: np.ndarray, components: int, seed: int) -> tuple[np.ndarray, 
     return np.ascontiguousarray(pca.components_, np.float32), np.asarray(pca.mean_, np.float32)
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.baselines.differential.DifferentialModel":
-    """Return the networks as published."""
+def load_trained(name: str, inputs: Mapping[str, Path]) -> "replicate.baselines.differential.DifferentialModel":
+    """Return the networks that the stage of a name has trained."""
     from replicate.baselines.differential import load_differential
 
-    return load_differential(inputs[WIDE])
-
-
-def load_small(inputs: Mapping[str, Path]) -> "replicate.baselines.differential.DifferentialModel":
-    """Return the networks of 512."""
-    from replicate.baselines.differential import load_differential
-
-    return load_differential(inputs[SMALL])
+    return load_differential(inputs[name])
 
 
 PUBLISHED = Method(
     WIDE,
     "Differential subspace",
     lambda plan: (stage(plan),),
-    model=load_model,
+    model=partial(load_trained, WIDE),
     place=72,
     note="Deep differential subspace reconstruction (Song, Shi and Reed 2020): local shape, held in place by anchors.",
     colour="#17BECF",
@@ -220,7 +214,6 @@ METHODS = (
         "Differential subspace, 512",
         72.5,
         stages=lambda plan: (small_stage(plan),),
-        model=load_small,
         default_section=own_small,
         note="The differential subspace with layers of 512 in place of 2,048, at a rate that rises and falls.",
         colour="#9EDAE5",

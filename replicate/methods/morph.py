@@ -13,21 +13,17 @@ What the documentation leaves open is as in our networks: leaky ReLUs, first wei
 largest value of each. Rest is not exact, as in the model itself.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from functools import partial
 
 from replicate.base.schema import Checked, number, read_table
 from replicate.config import BEST, PROFILES, DenseConfig, TrainingConfig
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import pca
+from replicate.methods.dense_network import load_trained
 from replicate.methods.method import Method, variant
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, write_training
-
-if TYPE_CHECKING:
-    import replicate.approximation.model
 
 STEPS = {"quick": 150}  # of the documented recipe, in place of 5,000
 TRAINING = TrainingConfig("paper", 5_000, 128, "uniform", rates=(1e-3,), shares=(1.0,))
@@ -93,25 +89,11 @@ def train(context: StageContext) -> None:
     write_training(context, model, log)
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the network with its shapes."""
-    from replicate.baselines.dense import load_dense
-
-    return load_dense(inputs["morph"])
-
-
-def load_best(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the network and shapes of our recipe."""
-    from replicate.baselines.dense import load_dense
-
-    return load_dense(inputs["morph_best"])
-
-
 MORPH = Method(
     "morph",
     "Neural morphs",
     lambda plan: (stage(plan),),
-    model=load_model,
+    model=partial(load_trained, "morph"),
     place=70.5,
     note="A small network to the weights of 128 learned shapes, as engines ship it, by their documented recipe.",
     colour="#8A5A00",
@@ -127,7 +109,6 @@ METHODS = (
         "Neural morphs, our training",
         71,
         stages=lambda plan: (best_stage(plan),),
-        model=load_best,
         default_section=best_section,
         note="The same with our loss, schedule and steps; widths chosen on validation poses.",
     ),

@@ -10,7 +10,8 @@ The number of samples and of steps is the profile's.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from functools import partial
+from typing import TypeVar
 
 from replicate.base.schema import read_table
 from replicate.config import PROFILES, CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig, TrainingConfig
@@ -31,36 +32,16 @@ NOTE = "Trained as the paper's released code does: constant rates, the rig's own
 Section = TypeVar("Section", CoarseConfig, RefinementConfig, DenseConfig)
 
 
-def as_released(section: Section, key: str, profile: str, **changes: Any) -> Section:
+def as_released(section: Section, key: str, profile: str) -> Section:
     """Return a section of the configuration with the released recipe, and the steps of the profile's section `key`."""
     steps = read_table(section, PROFILES[profile].get(key, {})).training.steps
-    return replace(
-        section,
-        normal_weight=NORMAL_WEIGHT,
-        training=replace(TRAINING, steps=steps),
-        conditioning=CONDITIONING,
-        **changes,
-    )
+    training = replace(TRAINING, steps=steps)
+    return replace(section, normal_weight=NORMAL_WEIGHT, training=training, conditioning=CONDITIONING)
 
 
-def coarse_section(profile: str) -> CoarseConfig:
-    """Return the coarse networks' section."""
-    return as_released(CoarseConfig(), "coarse", profile)
-
-
-def own_refined(profile: str) -> RefinementConfig:
-    """Return the refinement networks' section; the squares are still chosen by the section `refinement`."""
-    return as_released(RefinementConfig(), "refinement", profile)
-
-
-def dense_section(profile: str) -> DenseConfig:
-    """Return the section of the dense networks of the released code's widths."""
-    return as_released(DenseConfig(), "dense", profile, hidden=(256, 512))
-
-
-def own_narrow(profile: str) -> DenseConfig:
-    """Return the section of the dense networks of the paper's widths."""
-    return as_released(DenseConfig(), "dense", profile)
+def _stage(plan: Plan, name: str, function: Callable, inputs: tuple[Stage, ...]) -> Stage:
+    method = next(method for method in METHODS if method.name == name)
+    return plan.stage(name, function, plan.training(method.section(plan.config)), *inputs)
 
 
 def coarse_stage(plan: Plan) -> Stage:
@@ -69,23 +50,13 @@ def coarse_stage(plan: Plan) -> Stage:
 
 
 def refined_stage(plan: Plan) -> Stage:
-    """Return the stage that trains the refinement networks."""
+    """Return the stage that trains the refinement networks; the section `refinement` still chooses the squares."""
     return _stage(plan, REFINED, refined.train, refined.inputs_of_refinement(plan, coarse_stage(plan)))
 
 
-def dense_stage(plan: Plan) -> Stage:
-    """Return the stage that trains the dense networks of the released widths."""
-    return _stage(plan, DENSE, dense_network.train, inputs_of_networks(plan))
-
-
-def narrow_stage(plan: Plan) -> Stage:
-    """Return the stage that trains the dense networks of the paper's widths."""
-    return _stage(plan, NARROW, dense_network.train, inputs_of_networks(plan))
-
-
-def _stage(plan: Plan, name: str, function: Callable, inputs: tuple[Stage, ...]) -> Stage:
-    method = next(method for method in METHODS if method.name == name)
-    return plan.stage(name, function, plan.training(method.section(plan.config)), *inputs)
+def dense_stage(name: str, plan: Plan) -> Stage:
+    """Return the stage that trains dense networks."""
+    return _stage(plan, name, dense_network.train, inputs_of_networks(plan))
 
 
 def _released(
@@ -108,8 +79,23 @@ def _released(
 
 
 METHODS = (
-    _released(coarse.METHOD, COARSE, 61, coarse_section, coarse_stage),
-    _released(refined.METHOD, REFINED, 62, own_refined, coarse_stage, refined_stage),
-    _released(dense_network.METHOD, DENSE, 63, dense_section, dense_stage),
-    _released(dense_network.METHOD, NARROW, 64, own_narrow, narrow_stage),
+    _released(coarse.METHOD, COARSE, 61, partial(as_released, CoarseConfig(), "coarse"), coarse_stage),
+    _released(
+        refined.METHOD,
+        REFINED,
+        62,
+        partial(as_released, RefinementConfig(), "refinement"),
+        coarse_stage,
+        refined_stage,
+    ),
+    _released(
+        dense_network.METHOD,
+        DENSE,
+        63,
+        partial(as_released, DenseConfig(hidden=(256, 512)), "dense"),
+        partial(dense_stage, DENSE),
+    ),
+    _released(
+        dense_network.METHOD, NARROW, 64, partial(as_released, DenseConfig(), "dense"), partial(dense_stage, NARROW)
+    ),
 )

@@ -10,6 +10,7 @@ channels, so that a step takes about three times as long as one of `coarse`.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 from replicate.base.schema import read_table
@@ -32,16 +33,6 @@ def widened(section: Section, key: str, profile: str) -> Section:
     return replace(read_table(section, PROFILES[profile].get(key, {})), hidden=HIDDEN, channels=CHANNELS)
 
 
-def coarse_section(profile: str) -> CoarseConfig:
-    """Return the coarse networks' section."""
-    return widened(CoarseConfig(), "coarse", profile)
-
-
-def refined_section(profile: str) -> RefinementConfig:
-    """Return the refinement networks' section; the squares are still chosen by the section `refinement`."""
-    return widened(RefinementConfig(), "refinement", profile)
-
-
 def longer_section(profile: str) -> CoarseConfig:
     """Return the coarse networks' section with the steps of both levels."""
     coarse_levels, finer = (
@@ -58,7 +49,7 @@ def coarse_stage(plan: Plan) -> Stage:
 
 
 def refined_stage(plan: Plan) -> Stage:
-    """Return the stage that trains the refinement networks."""
+    """Return the stage that trains the refinement networks; the section `refinement` still chooses the squares."""
     return _stage(plan, REFINED, refined.train, refined.inputs_of_refinement(plan, coarse_stage(plan)))
 
 
@@ -79,7 +70,7 @@ METHODS = (
         "Coarse, wide",
         66,
         stages=lambda plan: (coarse_stage(plan),),
-        default_section=coarse_section,
+        default_section=partial(widened, CoarseConfig(), "coarse"),
         note=NOTE,
         mark="△",
     ),
@@ -89,7 +80,7 @@ METHODS = (
         "Refined, wide",
         66.5,
         stages=lambda plan: (coarse_stage(plan), refined_stage(plan)),
-        default_section=refined_section,
+        default_section=partial(widened, RefinementConfig(), "refinement"),
         note=NOTE,
         mark="△",
     ),

@@ -5,7 +5,6 @@ import gzip
 import html
 import json
 import struct
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
@@ -43,24 +42,6 @@ def packed(header: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> by
         data = np.frombuffer(data, np.uint8).reshape(-1, 2).T.tobytes() if array.itemsize == 2 else data
         parts.append(data + bytes(-len(data) % ALIGNMENT))
     return gzip.compress(b"".join(parts), HIGHEST_LEVEL, mtime=0)
-
-
-def unpacked(data: bytes) -> tuple[dict, dict[str, np.ndarray]]:
-    """Return (header, arrays) of what `packed` gave. Raises InputError for anything else."""
-    try:
-        plain = gzip.decompress(data)
-        (length,) = struct.unpack_from("<I", plain)
-        header = json.loads(plain[4 : 4 + length])
-        arrays, place = {}, 4 + length
-        for entry in header.pop("arrays"):
-            kind, count = np.dtype(entry["kind"]).newbyteorder("<"), int(np.prod(entry["shape"]))
-            data = plain[place : place + count * kind.itemsize]
-            data = np.frombuffer(data, np.uint8).reshape(2, -1).T.tobytes() if kind.itemsize == 2 else data
-            arrays[entry["name"]] = np.frombuffer(data, kind).reshape(entry["shape"])
-            place += -(-len(data) // ALIGNMENT) * ALIGNMENT
-    except (OSError, EOFError, zlib.error, ValueError, KeyError, TypeError, struct.error) as error:
-        raise InputError(f"found no packed arrays ({error})") from None
-    return header, arrays
 
 
 def as_text(data: bytes) -> str:

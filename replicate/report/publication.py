@@ -116,13 +116,8 @@ def publish_files(
             if character not in groups and all((folder / file).is_file() for file in entry.get("files", ["?"]))
         }
         for character, (first, *_) in groups.items():
-            files = sorted(file for file in first.folder.glob(f"{name}_{character}*") if file.is_file())
-            for file in before.get(character, {}).get("files", ()):
-                if file not in {path.name for path in files}:
-                    (folder / file).unlink(missing_ok=True)
-            for file in files:
-                copy_file(file, folder / file.name)
-            facts[character] = {**facts_of([first], first.stage.key), "files": [file.name for file in files]}
+            names = _copy(first.folder, folder, f"{name}_{character}", before.get(character, {}).get("files", ()))
+            facts[character] = {**facts_of([first], first.stage.key), "files": names}
         manifest.write_entries(folder, name, dict(sorted(facts.items())))
         if finish:
             finish()

@@ -237,11 +237,6 @@ def has_committed_meshes(character: str) -> bool:
     return character not in OUTSIDE and "@" not in character
 
 
-def led_by(characters: Iterable[str], first: str) -> list[str]:
-    """Return the characters with `first` in front, if it is among them."""
-    return sorted(characters, key=lambda name: name != first)
-
-
 def characters_of(rows: Iterable[Row]) -> list[str]:
     """Return the characters of some rows in the order of tables (`order_of`)."""
     return sorted({row.character for row in rows}, key=order_of)

@@ -78,7 +78,6 @@ class PosedPicture:
 COUNT, TALL = 3, 1.2  # configurations, those with the most points; a picture's height over its width
 FARTHEST_MM = 40.0  # the largest distance from the rig at which a vertex is drawn: some approximations fly apart
 TITLE = "the rig"
-LINES = ("distance", "normal error")
 
 
 def figure11(
@@ -100,7 +99,7 @@ def figure11(
     predicted = {entry.method: predictor(entry, inputs)(params, truth) for entry in settings.methods}
     # a row of faces for each
     columns = 1 + len(predicted)
-    width = cell_width(columns, LINES)
+    width = cell_width(columns)
     cells, phrases = [], []
     for k in range(len(chosen)):
         points = balls_in_front(targets[chosen[k]], truth[k])
@@ -119,7 +118,7 @@ def figure11(
     # the caption
     errors, source = "; ".join(phrases), method_named(fed_by).label
     whose = with_layout(settings.character, rig.mesh.segment_names)
-    return face_sheet(cells, columns, LINES), Words(
+    return face_sheet(cells, columns), Words(
         f"Clay renders of {whose} in {COUNT} poses, with control points in red; from left to right the rig and its "
         f"approximations. Mean errors: {errors}.",
         f"Faces of {whose} that inverse kinematics poses, after Fig. 11. Red: where the control points shall go. "

@@ -32,11 +32,11 @@ from replicate.report.results import Row, characters_of, find, run_name, write_r
 from replicate.report.tables import Table, as_text
 from replicate.targets.shown_records import load_records, picture_settings, record_stages
 
-KINDS = {"vertex": "distance error, mm", "normal": "normal error, °"}
-ERROR = re.compile(r"(vertex|normal)_error_mean\[(\w+)\](?:\[(.+)\])?")  # kind, the pose's rule, region
+KINDS = {"vertex": "distance error, mm", "normal": "normal error, °", "strip": "of the strip, °"}
+ERROR = re.compile(r"(vertex|normal|strip)_error_mean\[(\w+)\](?:\[(.+)\])?")  # kind, the pose's rule, region
 TITLES = {
     "figure01": "Figure 1: mean errors in the pictures' pose",
-    "figure09": "Figure 9: mean normal errors of the forehead",
+    "figure09": "Figure 9: mean normal errors of the forehead, and of the strip below it",
     "figure10": "Figure 10: mean normal errors",
 }
 RIVALS = {"figure01": ("refined", "lbs32"), "figure09": ("refined", "lbs32"), "figure10": ("refined", "dense")}
@@ -85,12 +85,15 @@ def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
             yield method, f"vertex_error_mean{rule}", "mm", vertex_mean_mm(record, method)
             yield method, f"normal_error_mean{rule}", "deg", normal_means_deg(record, method)[WHOLE]
     elif figure == "figure09":
-        from replicate.targets.figure09.forehead_wrinkles import REGION, fold_change_deg
+        from replicate.targets.figure09.forehead_wrinkles import REGION, fold_change_deg, refined_spot
 
         region = REGION if REGION in record.region_names else WHOLE
         yield TRUTH, f"fold_change_mean{rule}{_of(region)}", "deg", fold_change_deg(record)
+        spot = refined_spot(record)
         for method in shown_in(record, FIGURE09):
             yield method, f"normal_error_mean{rule}{_of(region)}", "deg", normal_means_deg(record, method)[region]
+            if spot:
+                yield method, f"strip_error_mean{rule}", "deg", spot.mean_deg(record, method)
     else:
         peer = best_peer(record)
         for method in set(record.vertices) - {TRUTH}:
@@ -177,7 +180,7 @@ def answer(rows: Iterable[Row], figure: str) -> str:
     """
     rows = [row for row in rows if row.table == figure]
     errors = _errors(rows)
-    regions = {region for *_, region in errors}
+    regions = {region for *_, kind, region in errors if kind == "normal"}
     region = WHOLE if WHOLE in regions else next(iter(regions), WHOLE)
     poses: dict[tuple[str, str], dict[str, float]] = {}
     for (character, rule, method, kind, where), value in errors.items():

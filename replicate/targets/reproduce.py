@@ -53,10 +53,11 @@ class Step(Checked):
         return [sys.executable, "-m", *where, *rest]
 
     def missing(self) -> str:
-        """Return what it needs and this machine lacks, or ""."""
-        if not self.needs or os.environ.get(self.needs) or shutil.which(self.needs):
-            return ""
-        return "" if importlib.util.find_spec(self.needs) else self.needs
+        """Return the first thing that it needs and this machine lacks, or ""."""
+        for need in self.needs.split():
+            if not (os.environ.get(need) or shutil.which(need) or importlib.util.find_spec(need)):
+                return need
+        return ""
 
 
 def run(options: argparse.Namespace) -> None:
@@ -100,7 +101,7 @@ def _plan(steps: Sequence[Step], todo: Sequence[Step], commit: str) -> str:
     lines, seconds, seen = [], 0.0, set()
     for step in steps:
         if step.missing():
-            lines.append(f"  left out    {step.command} ({step.needs} is missing)")
+            lines.append(f"  left out    {step.command} ({step.missing()} is missing)")
         elif step not in todo:
             lines.append(f"  done        {step.command}")
         else:

@@ -112,9 +112,6 @@ def _evaluate(model: SegmentedModel, params: torch.Tensor) -> torch.Tensor:
 # A trained model evaluated by ONNX Runtime: the file that leaves the suite, its rigid step inside.
 
 
-Evaluate = Callable[[np.ndarray], np.ndarray]
-
-
 def onnx_evaluation(model: object, mesh: Mesh, attachments: Attachments | None) -> Evaluate | None:
     """Return parameters (b, m) → vertices (b, n, 3) mm by ONNX Runtime, on one thread.
 

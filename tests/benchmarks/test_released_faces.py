@@ -24,7 +24,7 @@ def test_the_sheet_says_each_predictions_errors():
     vertices = {"Dense: ours": truth + np.float32([3, 4, 0]), "Dense: released": 2 * truth, TRUTH: truth}
     figure, words = released_faces(PoseRecord("tiny", 0, truth, mesh.faces, vertices))
     texts = [text.get_text() for text in figure.texts]
-    assert texts.count("5.00") == 1 and texts.count("mm") == 1
-    angle = float(words.alt.partition("Dense: ours, 5.00 mm and ")[2].partition(" ")[0])
+    assert texts.count("5.00 mm") == 1
+    angle = float(words.alt.partition("Dense: ours, 5.00 mm and ")[2].partition("°")[0])
     assert angle == pytest.approx(0, abs=0.05), "moved as a whole, it keeps its normals"
     assert "the rig" in texts and len(figure.axes) == 4

@@ -16,7 +16,7 @@ from replicate.base.exceptions import InputError
 from replicate.baselines import dense
 from replicate.baselines.line import line_model
 from replicate.config import CoarseConfig, DenseConfig, TrainingConfig
-from replicate.inverse.at_vertices import at_vertices, is_differentiable
+from replicate.inverse.at_vertices import at_vertices
 from replicate.regional.basis import loss_metric, principal_basis
 from replicate.regional.model import RegionalModel, store
 from replicate.regional.networks import fresh_networks
@@ -118,7 +118,6 @@ def test_a_model_from_outside_brings_its_own_function():
         def at_vertices(self, vertices):
             return lambda params: params[:, :1, None].expand(-1, len(vertices), 3)
 
-    assert is_differentiable(Outside()) and not is_differentiable(object())
     assert at_vertices(Outside(), VERTICES)(torch.ones(2, M)).shape == (2, 5, 3)
     with pytest.raises(InputError, match="object can't be differentiated"):
         at_vertices(object(), VERTICES)

@@ -41,7 +41,7 @@ def test_a_trained_network_is_near_the_truth(trained):
 
 def test_size_and_work_are_those_of_what_is_not_zero(trained):
     inputs, notes = trained
-    model = compskin.load_model(inputs)
+    model = compskin.METHODS[0].model(inputs)
     (network,) = model.networks
     numbers, weights = notes["numbers"], network.weights()
     assert 0 < numbers <= 1_000 and len(model.vertices) <= weights <= 8 * len(model.vertices)
@@ -56,7 +56,7 @@ def test_it_can_be_differentiated_by_the_controls_and_leaves_the_suite(trained):
     from replicate.timing.backends import onnx_evaluation
 
     inputs, _ = trained
-    model, mesh = compskin.load_model(inputs), artefacts.load_mesh(inputs)
+    model, mesh = compskin.METHODS[0].model(inputs), artefacts.load_mesh(inputs)
     params = np.asarray(artefacts.load_samples(inputs).test_params[:3])
     expected = mesh.neutral + model.offsets(params)
     start = torch.tensor(params).requires_grad_(True)

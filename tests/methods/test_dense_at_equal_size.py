@@ -63,7 +63,7 @@ def test_narrow_networks_are_trained_as_dense_ones_and_are_no_larger_than_the_re
     room = refined_size_mb(inputs, shape(32))
     assert 0.9 * room < notes["size_mb"] <= room
     assert notes["hidden"] == list(dense_small.narrow_widths(inputs, (32, 64), shape(32)))
-    assert dense_small.load_model(inputs).networks[0].output.in_features == notes["hidden"][-1]
+    assert dense_small.METHOD.model(inputs).networks[0].output.in_features == notes["hidden"][-1]
     samples, mesh = artefacts.load_samples(inputs), small_mesh()
     offsets = predicted(dense_small.METHOD, inputs, samples.test_params) - mesh.neutral
     moved = mesh.segment < 2

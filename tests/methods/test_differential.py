@@ -44,7 +44,7 @@ def test_a_trained_network_is_near_the_truth(trained):
 
 def test_size_and_work_count_what_is_stored_and_what_each_network_sees(trained):
     inputs, notes = trained
-    model = differential.load_model(inputs)
+    model = differential.METHODS[0].model(inputs)
     (network,), vertices = model.networks, len(model.vertices)
     sees = int(network.anchors.sees.sum())
     assert 0 < sees < network.anchors.sees.numel()
@@ -60,7 +60,7 @@ def test_it_can_be_differentiated_by_the_controls_and_leaves_the_suite(trained):
     from replicate.timing.backends import onnx_evaluation
 
     inputs, _ = trained
-    model, mesh = differential.load_model(inputs), artefacts.load_mesh(inputs)
+    model, mesh = differential.METHODS[0].model(inputs), artefacts.load_mesh(inputs)
     params = np.asarray(artefacts.load_samples(inputs).test_params[:3])
     expected = mesh.neutral + model.offsets(params)
     points = at_vertices(model, np.array([5, 40]))

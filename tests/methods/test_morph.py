@@ -65,7 +65,7 @@ def test_shapes_count_in_size_and_work(trained):
     inputs, notes = trained
     outputs = 3 * int((small_mesh().segment < 2).sum())
     products = M * 32 + 32 * 32 + 32 * 6 + 6 * outputs
-    assert of_model(morph.load_model(inputs)) == products
+    assert of_model(morph.MORPH.model(inputs)) == products
     assert notes["size_mb"] == pytest.approx(4e-6 * (products + 32 + 32 + 6 + outputs))
 
 

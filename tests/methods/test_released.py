@@ -43,7 +43,7 @@ def test_the_released_networks_are_not_those_of_the_suite():
 def test_a_dense_network_trains_on_raw_parameters_in_the_units_of_a_rig(tmp_path):
     inputs = write_artefacts(tmp_path)
     table = {"hidden": [16], "training": {"steps": 300}, "conditioning": {"inputs": "raw"}}
-    settings = TrainingSettings(read_table(released.dense_section("quick"), table), 0, "cpu")
+    settings = TrainingSettings(read_table(method_named("dense_released").default_section("quick"), table), 0, "cpu")
     inputs, notes = run_stage(dense_network.train, inputs, "dense_released", settings, tmp_path)
     *_, last = read_log(inputs["dense_released"] / "log.csv")
     samples, mesh = artefacts.load_samples(inputs), small_mesh()

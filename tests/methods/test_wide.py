@@ -11,7 +11,7 @@ from replicate.approximation.model_size import cnn_weights
 from replicate.approximation.refinement import square_segments
 from replicate.approximation.segments import save_segments
 from replicate.config import TrainingConfig, resolve
-from replicate.methods import artefacts, coarse, refined, wide
+from replicate.methods import artefacts, coarse, refined
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan, TrainingSettings
 from replicate.report.results import read_log
@@ -47,7 +47,7 @@ def test_both_levels_are_read_as_they_were_trained(tmp_path):
     inputs = write_artefacts(tmp_path)
     schedule = TrainingConfig("one_cycle", 30, 4, "uniform")
     shape = {"hidden": (16, 256), "channels": 5, "map_size": 16, "training": schedule}
-    section = replace(wide.coarse_section("quick"), **shape)
+    section = replace(method_named("coarse_wide").default_section("quick"), **shape)
     inputs, notes = run_stage(coarse.train, inputs, "coarse_wide", TrainingSettings(section, 0, "cpu"), tmp_path)
     segments = artefacts.load_coarse_segments(inputs, small_mesh())
     weights = sum(cnn_weights(len(segment.parameters), section) for segment in segments)
@@ -56,7 +56,7 @@ def test_both_levels_are_read_as_they_were_trained(tmp_path):
     inputs["selection"] = tmp_path / "selection"
     inputs["selection"].mkdir()
     save_segments(squares, inputs["selection"] / artefacts.SQUARES)
-    section = replace(wide.refined_section("quick"), **(shape | {"map_size": 32}))
+    section = replace(method_named("refined_wide").default_section("quick"), **(shape | {"map_size": 32}))
     inputs, notes = run_stage(refined.train, inputs, "refined_wide", TrainingSettings(section, 0, "cpu"), tmp_path)
     assert notes["size_mb"] > 4e-6 * weights, "both levels count"
     samples, mesh = artefacts.load_samples(inputs), small_mesh()

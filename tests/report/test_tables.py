@@ -10,7 +10,7 @@ from replicate.base.exceptions import InputError
 from replicate.base.paths import PAPER
 from replicate.methods.method_registry import in_order, method_named, methods
 from replicate.report.notebooks import show_tables
-from replicate.report.results import Row, led_by, order_of, read_results, write_results
+from replicate.report.results import Row, order_of, read_results, write_results
 from replicate.report.tables import Table, as_html, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
 from replicate.targets.compare import compare, compare_folders
 from replicate.targets.reference import beside_today
@@ -371,8 +371,3 @@ def test_of_several_tables_the_first_is_open_and_notes_stand_once(monkeypatch):
     assert [bundle["text/markdown"].count("for all") for bundle in shown] == [1, 0]
     show_tables([None])
     assert len(shown) == 2
-
-
-def test_a_character_that_is_named_leads_and_the_others_keep_their_order():
-    assert led_by(("teen", "woman", "toon"), "toon") == ["toon", "teen", "woman"]
-    assert led_by(("teen", "woman"), "nobody") == ["teen", "woman"]

@@ -46,7 +46,16 @@ def test_a_second_picture_shows_where_refinement_changes_most(record):
     coarse, truth = record.vertices["coarse"], record.vertices["truth"]
     here = np.linalg.norm(truth[:, :2] - np.float32([-30, -40]), axis=1) < 20
     refined = np.where(here[:, None], truth, coarse)
-    camera, place = refined_spot(replace(record, vertices=record.vertices | {"refined": refined}))
-    assert np.linalg.norm(np.asarray(camera.focus)[:2] - [-30, -40]) < 15 and "at the mouth" in place
-    figure, words = figure09(replace(record, vertices=record.vertices | {"refined": refined}), across=60)
-    assert len(pictures_of(figure)) == 8 and place in words.caption and refined_spot(record) is None
+    both = replace(record, vertices=record.vertices | {"refined": refined})
+    spot = refined_spot(both)
+    middle = np.asarray(spot.camera.focus)
+    assert np.linalg.norm(middle[:2] - [-30, -40]) < 15 and spot.place == "at the mouth"
+    figure, words = figure09(both, across=60)
+    assert len(pictures_of(figure)) == 8 and spot.place in words.caption and refined_spot(record) is None
+    # below the strip: the mean over the mesh faces whose centres lie near its middle
+    near = np.linalg.norm(truth[record.faces].mean(1) - middle, axis=1) <= spot.radius_mm
+    for name in ("coarse", "refined", "dense"):
+        mean = np.nanmean(normal_error(both.vertices[name], truth, record.faces)[near])
+        assert spot.mean_deg(both, name) == pytest.approx(mean) and f"strip: {mean:.2f}°" in texts_of(figure)
+        assert f"° and {mean:.2f}°" in words.alt
+    assert spot.mean_deg(both, "refined") < 0.5 * spot.mean_deg(both, "coarse")

@@ -63,8 +63,11 @@ def test_figure_9_draws_the_foreheads_errors_of_its_rows(records):
     figure, words = figure09(records["folded"], across=40)
     degrees = {method: value for (method, metric), value in own.items() if metric.startswith("normal_error")}
     assert list(degrees) == ["refined", "coarse", "dense", "lbs32"]
-    assert [text for text in texts_of(figure) if "°" in text] == [f"forehead: {mean:.2f}°" for mean in degrees.values()]
-    assert all(f"{plain_name(method)} {mean:.2f}°" in words.alt for method, mean in degrees.items())
+    strips = [own[method, "strip_error_mean[folded]"] for method in degrees]
+    drawn = [text for text in texts_of(figure) if "°" in text]
+    assert drawn[::2] == [f"forehead: {mean:.2f}°" for mean in degrees.values()]
+    assert drawn[1::2] == [f"strip: {mean:.2f}°" for mean in strips]
+    assert all(f"{plain_name(method)} {mean:.2f}° and" in words.alt for method, mean in degrees.items())
     assert own[TRUTH, "fold_change_mean[folded][forehead]"] == fold_change_deg(records["folded"])
     bare = replace(records["folded"], region_names=(), region=None)
     assert {metric for _, metric in values(rows_in("figure09", {"folded": bare}))} >= {"normal_error_mean[folded]"}
@@ -116,7 +119,8 @@ def test_tables_have_a_heading_for_each_pose_and_a_column_for_each_region_from_t
     assert table.body[0] == ("test pose", "7", "7") and "An oracle" in as_text(table)
     both = [*rows_in("figure09", records), *(replace(row, character="toon") for row in rows_in("figure09", records))]
     (table,) = pose_tables([row for row in both if row.key[1:3] != ("toon", "coarse")], "figure09")
-    assert table.headers[1] == ("", "teen", "toon") and table.body[1][::2] == ("Coarse", "–")
+    assert table.headers == (("", "normal error, °", "", "of the strip, °", ""), ("", *["teen", "toon"] * 2))
+    assert table.body[1][0] == "Coarse" and table.body[1][2::2] == ("–", "–") and "–" not in table.body[1][1::2]
 
 
 def rows_of_method(character: str, method: str, degrees: float, mm: float | None = None) -> list[Row]:

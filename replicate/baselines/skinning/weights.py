@@ -38,20 +38,6 @@ def monomials(points: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 10"]:
     return points[:, FIRST] * points[:, SECOND]
 
 
-def residual_gram(
-    table: Float[np.ndarray, "10 bones bones"],
-    products: Float[np.ndarray, "10"],
-    projection: Float[np.ndarray, " bones"],
-    square: float,
-) -> Float[np.ndarray, "bones bones"]:
-    """Return one vertex's G with a slight ridge, so that it stays positive where two bones agree.
-
-    projection: (M_b p)·x of each bone with the vertex's displacement x; square: x·x.
-    """
-    gram = np.tensordot(products, table, 1) - projection[:, None] - projection[None, :] + square
-    return gram + np.eye(len(gram)) * (1e-9 * max(np.trace(gram), 0.0) / len(gram) + 1e-11 * square + 1e-30)
-
-
 def solve_reference(
     gram: Float[np.ndarray, "bones bones"], start: Float[np.ndarray, " bones"], influences: int, rounds: int = ROUNDS
 ) -> Float[np.ndarray, " bones"]:

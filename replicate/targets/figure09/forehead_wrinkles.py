@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,7 +37,8 @@ COLUMNS = (TRUTH, *FIGURE09)
 ROWS, MOST_ACROSS = 2, 4  # rows of pictures, and how many stand in one
 TALL = 0.8  # a picture's height over its width
 SPOT_TALL = 0.42  # of the second picture
-SPOT_MM = 20.0  # its height on the skin, and how far around a spot errors count
+SPOT_MM = 20.0  # its height on the skin, and the diameter around its middle in which errors count
+STRIP = "strip"  # what it is called
 COMPARED = ("coarse", "refined")  # the second picture is where these differ most
 FACING = 0.8  # the cosine of the angle to the view within which a spot has to lie
 REGION = "forehead"
@@ -52,8 +53,9 @@ def figure09(
     across: the width of one picture, pixels; None for what fills the sheet.
     """
     views = [(view_of(record, "forehead", 1 / TALL), TALL)]
-    if spot := refined_spot(record):
-        views.append((spot[0], SPOT_TALL))
+    spot = refined_spot(record)
+    if spot:
+        views.append((spot.camera, SPOT_TALL))
     shown = shown_in(record, methods)
     columns = min(MOST_ACROSS, math.ceil(len(shown) / ROWS))
     width = across or cell_width(columns)
@@ -62,9 +64,13 @@ def figure09(
     for method in shown:
         surfaces = clay_surfaces(record, method, hair=False)
         pictures = tuple(render(surfaces, view, width, round(tall * width)) for view, tall in views)
-        error = "" if method == TRUTH else f"{normal_means_deg(record, method)[region]:.2f}°"
-        cells.append(Cell(panel_title(method), pictures, (f"{region}: {error}" if error else "",)))
-        phrases.append(f"{plain_name(method)} {error}".strip())
+        errors = {} if method == TRUTH else {region: normal_means_deg(record, method)[region]}
+        if spot and errors:
+            errors[STRIP] = spot.mean_deg(record, method)
+        lines = [f"{place}: {error:.2f}°" for place, error in errors.items()]
+        cells.append(Cell(panel_title(method), pictures, tuple(lines)))
+        numbers = " and ".join(line.partition(": ")[2] for line in lines)
+        phrases.append(f"{plain_name(method)} {numbers}".strip())
     names = ", ".join(phrases)
     pose = f"{pose_in_words(record)} (after Fig. 9)"
     if region == WHOLE:
@@ -77,20 +83,43 @@ def figure09(
     else:
         lead = f"The forehead in {pose}. This rig has no wrinkles; only the smooth shape of the brows differs."
     figure = face_sheet(cells, columns)
-    closer = f" Under it {spot[1]}, where refinement changes most." if spot else ""
+    closer = f" Under it a strip of {spot.size_mm:.0f} mm {spot.place}, where refinement changes most." if spot else ""
+    strip = f" and of the skin within {spot.radius_mm:.0f} mm of the strip's middle" if spot else ""
     return figure, Words(
         f"Clay renders of one forehead, close up, row by row: {names}.",
-        f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}.{peer_in_words(record)} Light from "
-        "the side and darkened hollows make relief look deeper than it is, for all alike. "
+        f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}{strip}.{peer_in_words(record)} "
+        "Light from the side and darkened hollows make relief look deeper than it is, for all alike. "
         f"{marks_in_words(shown)}".strip(),
     )
 
 
-def refined_spot(record: PoseRecord) -> tuple[Camera, str] | None:
-    """Return where the normal errors of `COMPARED` differ most: a camera on it, and its place in words.
+@dataclass(frozen=True)
+class Spot:
+    """A place on the skin of a record.
 
-    It is the mean over the mesh faces within `SPOT_MM`, of skin that the front camera sees; None for a record that
-    lacks one of the two.
+    camera: a view of it
+    place: in words, "at the mouth"
+    size_mm: the width of its picture
+    radius_mm: how far around its middle errors count
+    near: (k,) the mesh faces within this
+    """
+
+    camera: Camera
+    place: str
+    size_mm: float
+    radius_mm: float
+    near: np.ndarray
+
+    def mean_deg(self, record: PoseRecord, method: str) -> float:
+        """Return a method's mean normal error (Eq. 11) of the mesh faces that count, in degrees."""
+        errors = normal_error(record.vertices[method], record.vertices[TRUTH], record.faces)
+        return float(np.nanmean(errors[self.near]))
+
+
+def refined_spot(record: PoseRecord) -> Spot | None:
+    """Return where the mean normal errors of `COMPARED` differ most, of skin that the front camera sees.
+
+    Means are over the mesh faces around a place. None for a record that lacks one of the two.
     """
     if not all(method in record.vertices for method in COMPARED):
         return None
@@ -102,13 +131,15 @@ def refined_spot(record: PoseRecord) -> tuple[Camera, str] | None:
     there = np.flatnonzero(faces_in_view(truth, faces, front, FACING))
     if not len(there):
         return None
-    near = cKDTree(centres).query_ball_point(centres[there], scale * SPOT_MM / 2)
-    found = there[np.argmax([abs(change[one].mean()) for one in near])]
+    radius = scale * SPOT_MM / 2
+    near = cKDTree(centres).query_ball_point(centres[there], radius)
+    best = int(np.argmax([abs(change[one].mean()) for one in near]))
+    found = there[best]
     region = record.region[found]
     where = f"at the {record.region_names[region]}" if region >= 0 else "on the face"
     focus = tuple(float(x) for x in centres[found])
     close = replace(CAMERAS["forehead"], focus=focus, height_mm=scale * SPOT_MM, distance_mm=front.distance_mm)
-    return close, f"{scale * SPOT_MM / SPOT_TALL:.0f} mm {where}"
+    return Spot(close, where, scale * SPOT_MM / SPOT_TALL, radius, np.sort(near[best]))
 
 
 def fold_change_deg(record: PoseRecord) -> float:

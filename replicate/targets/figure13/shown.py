@@ -35,7 +35,6 @@ TITLES = {
     "coarse": "Coarse: new mesh",
     "deformation_transfer": "Deformation transfer †",
 }
-LINES = ("distance", "normal error")
 HEAD, CLOSE = 1.3, 0.9  # a picture's height over its width
 RIBBON_MM = 0.2
 CARRIED = ("coarse", "coarse_carried")  # maps read at the new vertices, and the prediction carried over to them
@@ -80,7 +79,7 @@ def figure13(
     across: the width of one picture, pixels; None for what fills the sheet
     """
     columns = 1 + len(NEW)
-    width = across or cell_width(columns, LINES)
+    width = across or cell_width(columns)
     original, cells = shown[ORIGINAL], []
     for name, first in zip(figure13_moved.SHARES, (TRUTH, "coarse"), strict=True):
         for mesh, way in ((ORIGINAL, first), *((name, way) for way in NEW)):
@@ -89,7 +88,7 @@ def figure13(
             title = f"{title}: {count:,} vertices" if way == TRUTH else title
             lines = () if way == TRUTH else _errors(shown[mesh], way)
             cells.append(Cell(title, _pictures(shown[mesh], way, original, width), lines))
-    return face_sheet(cells, columns, LINES), _words(character, shown, means)
+    return face_sheet(cells, columns), _words(character, shown, means)
 
 
 def _pictures(mesh: ShownMesh, way: str, original: ShownMesh, width: int) -> tuple:
@@ -167,7 +166,7 @@ def sheet_of_others(
     what fills the sheet.
     """
     mesh = artefacts.load_mesh(inputs)
-    width, cells, phrases = across or cell_width(2 + len(MOVED), LINES), [], []
+    width, cells, phrases = across or cell_width(2 + len(MOVED)), [], []
     for other, folder in folders.items():
         pose, about = figure13_moved.load_other_pose(folder), figure13_moved.load_alignment(folder)
         cells.append(
@@ -180,7 +179,7 @@ def sheet_of_others(
         title = f"{other}: its own rig" if about["controls"] else f"{other}: neutral"
         cells.append(Cell(title, _other_pictures(pose["own"], pose["head"], pose["faces"], width)))
         phrases.append(_in_words(other, about, errors))
-    return face_sheet(cells, 2 + len(MOVED), LINES), Words(
+    return face_sheet(cells, 2 + len(MOVED)), Words(
         "Rows of four clay faces without eyes and teeth, their mouths close up below. First the face that the "
         "networks are trained on, then another character's face: moved by the coarse networks, moved by deformation "
         "transfer, and as its own rig has it. " + " ".join(phrases),

@@ -176,9 +176,6 @@ def other_rigs(ours: Sequence[Row]) -> Table:
     return Table(heading, (header,), tuple(body), about)
 
 
-# What studios use today, and regression, beside the paper's networks in both precisions and our method.
-
-
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
     cells = [method_named(method).title]
     for kind, unit in (("vertex", "mm"), ("normal", "deg")):
