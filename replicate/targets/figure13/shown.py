@@ -172,7 +172,7 @@ def sheet_of_others(
         cells.append(
             Cell(f"{character}: the rig", _other_pictures(pose["source"], mesh.neutral, face_of(mesh).faces, width))
         )
-        errors = {way: _other_errors(pose, way) if about["controls"] else ("–", "–") for way in MOVED}
+        errors = {way: _other_errors(pose, way) if about["controls"] else () for way in MOVED}
         for way, title in MOVED.items():
             pictures = _other_pictures(pose[way], pose["head"], pose["faces"], width)
             cells.append(Cell(f"{other}: {title}", pictures, errors[way]))
