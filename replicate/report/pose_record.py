@@ -225,8 +225,9 @@ def with_layout(character: str, segment_names: Sequence[str]) -> str:
 # to the truth stands behind ours.
 
 FIGURE01 = ("refined", "regional", "lbs32")
-FIGURE09 = ("refined", "coarse", "dense", "regional", "lbs32", "floor_refined")
+FIGURE09 = ("refined", "coarse", "dense", "regional", "linear", "lbs32", "floor_refined")
 FIGURE10 = ("refined", "regional", "linear", "lbs32", "dense")  # and methods from outside before them
+LINE = "linear"  # the simplest fit
 PEERS = ("morph", "morph_best", "differential", "differential_small", "compskin", "compskin_best")
 
 
@@ -243,8 +244,19 @@ def peer_in_words(record: PoseRecord) -> str:
 
 
 def shown_in(record: PoseRecord, methods: Sequence[str]) -> list[str]:
-    """Return those of a figure's methods that a record has, with the best peer behind our method or at the end."""
+    """Return those of a figure's methods that a record has, with the best peer behind our method or at the end.
+
+    Beside a peer there is no place for the straight line: `line_in_words` has its number.
+    """
     shown = [name for name in methods if name in record.vertices]
     if peer := best_peer(record):
+        shown = [name for name in shown if name != LINE]
         shown.insert(shown.index("regional") + 1 if "regional" in shown else len(shown), peer)
     return shown
+
+
+def line_in_words(record: PoseRecord, shown: Sequence[str], region: str = WHOLE) -> str:
+    """Return a caption's sentence on the straight line's normal error, with a space in front; "" if it is shown."""
+    if LINE not in record.vertices or LINE in shown:
+        return ""
+    return f" The straight line, which isn't shown, has {normal_means_deg(record, LINE)[region]:.2f}°."

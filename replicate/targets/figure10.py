@@ -18,12 +18,14 @@ from replicate.methods.plan import Plan
 from replicate.report.pose_record import (
     FIGURE10,
     FOLDED,
+    LINE,
     PEERS,
     TRUTH,
     WHOLE,
     PoseRecord,
     best_peer,
     clay_surfaces,
+    line_in_words,
     marks_in_words,
     normal_means_deg,
     panel_title,
@@ -62,7 +64,6 @@ def run(options: argparse.Namespace) -> None:
 
 # Figure 10: a test pose as several methods predict it, half of each face its surface, half its normal error.
 
-LINE = "linear"  # the simplest fit
 FACES = 6  # in one row, the truth's among them: more would be too small
 TALL = 1.26  # a picture's height over its width
 LIMIT_DEG = 30.0
@@ -128,8 +129,7 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
     hardest = _hardest_region(means)
     in_view = camera == "front" or hardest == camera  # a close-up's caption names only what it shows
     seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
-    if LINE in record.vertices and LINE not in means:
-        seen += f" The straight line, which isn't shown, has {normal_means_deg(record, LINE)[WHOLE]:.2f}°."
+    seen += line_in_words(record, [*means])
     seen += f" Most are farthest off at the {hardest}." if hardest and in_view else ""
     shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
     shown = shown[0].upper() + shown[1:]

@@ -16,6 +16,7 @@ from replicate.report.pose_record import (
     FIGURE01,
     FIGURE09,
     FOLDED,
+    LINE,
     TRUTH,
     WHOLE,
     PoseRecord,
@@ -90,7 +91,8 @@ def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
         region = REGION if REGION in record.region_names else WHOLE
         yield TRUTH, f"fold_change_mean{rule}{_of(region)}", "deg", fold_change_deg(record)
         spot = refined_spot(record)
-        for method in shown_in(record, FIGURE09):
+        shown = shown_in(record, FIGURE09)
+        for method in shown + [LINE] * (LINE in record.vertices and LINE not in shown):
             yield method, f"normal_error_mean{rule}{_of(region)}", "deg", normal_means_deg(record, method)[region]
             if spot:
                 yield method, f"strip_error_mean{rule}", "deg", spot.mean_deg(record, method)

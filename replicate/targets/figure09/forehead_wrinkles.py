@@ -20,6 +20,7 @@ from replicate.report.pose_record import (
     WHOLE,
     PoseRecord,
     clay_surfaces,
+    line_in_words,
     marks_in_words,
     normal_means_deg,
     panel_title,
@@ -87,7 +88,8 @@ def figure09(
     strip = f" and of the skin within {spot.radius_mm:.0f} mm of the strip's middle" if spot else ""
     return figure, Words(
         f"Clay renders of one forehead, close up, row by row: {names}.",
-        f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}{strip}.{peer_in_words(record)} "
+        f"{lead}{closer} Below each: the mean normal error (Eq. 11) of the {region}{strip}."
+        f"{line_in_words(record, shown, region)}{peer_in_words(record)} "
         "Light from the side and darkened hollows make relief look deeper than it is, for all alike. "
         f"{marks_in_words(shown)}".strip(),
     )
