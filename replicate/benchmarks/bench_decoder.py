@@ -29,7 +29,6 @@ from replicate.benchmarks.common import (
     add_only,
     answer,
     bench_folder,
-    cell,
     in_groups,
     make_parser,
     make_stages,
@@ -48,7 +47,7 @@ from replicate.methods.method_registry import method_named, sections
 from replicate.methods.plan import Plan, TrainingSettings
 from replicate.methods.training_stage import LOG, inputs_of_networks
 from replicate.report.results import Row, characters_of, read_results
-from replicate.report.tables import Table
+from replicate.report.tables import Table, our_value
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -336,7 +335,7 @@ def _few_table(rows: Sequence[Row], character: str) -> Table:
     lines = []
     for method, change in dict.fromkeys((key[0], key[2]) for key in values if key[1] in METRICS):
         found = (values.get((method, metric, change)) for metric in METRICS)
-        cells = (cell(row) if row else "" for row in found)
+        cells = (our_value(row) if row else "" for row in found)
         lines.append((change.partition(",")[0], (method_named(method).label, change, *cells)))
     header = ("", "", *(words for _, words in METRICS.values()))
     note = (

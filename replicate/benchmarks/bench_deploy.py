@@ -32,7 +32,6 @@ from replicate.benchmarks.common import (
     artefacts_of,
     bench_characters,
     bench_row,
-    cell,
     in_groups,
     make_parser,
 )
@@ -49,7 +48,7 @@ from replicate.methods.plan import Plan
 from replicate.methods.trained import FOLDER, TrainedPlan, entries, plan_for, poses_of_errors
 from replicate.regional.model import RegionalModel
 from replicate.report.results import Row, find
-from replicate.report.tables import Table
+from replicate.report.tables import Table, our_value
 from replicate.timing.backends import Evaluate, run_by_onnx
 from replicate.timing.machine import confined
 from replicate.timing.single_poses import Way, time_single_poses
@@ -189,7 +188,7 @@ def deploy_table(rows: Sequence[Row], character: str) -> Table:
             found = [find(rows, TABLE, character, name, f"{metric}[{form}]") for metric in metrics]
             if any(found):
                 off = found[3]
-                cells = [*map(cell, found[:3]), f"{off.value:.1g}" if off else "–", cell(found[4])]
+                cells = [*map(our_value, found[:3]), f"{off.value:.1g}" if off else "–", our_value(found[4])]
                 lines.append((name, (method_named(name).label, form, *cells)))
     header = ("", "", "files, MB", "ms a pose", "× ONNX", "largest difference, mm", "error, mm")
     notes = (

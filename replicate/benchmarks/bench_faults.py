@@ -25,7 +25,7 @@ from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
 from replicate.base.progress import progress
-from replicate.benchmarks.common import add_count, answer, artefacts_of, bench_characters, cell, make_parser
+from replicate.benchmarks.common import add_count, answer, artefacts_of, bench_characters, make_parser
 from replicate.config import Config
 from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts, measurement
@@ -33,7 +33,7 @@ from replicate.methods import coarse as coarse_method
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, error_rows
-from replicate.report.tables import Table
+from replicate.report.tables import Table, our_value
 
 ABOUT = "what deliberate faults do to the numbers of Table 2"
 WRITES = "results/runs/bench/bench_faults.csv"
@@ -136,7 +136,7 @@ def faults_table(rows: Sequence[Row], character: str) -> Table:
     lines = []
     for name in names:
         found = (by_key[f"table2@{name}", method, f"{kind}_error_mean"] for method, kind in COLUMNS)
-        lines.append((name.replace("_", " "), *map(cell, found)))
+        lines.append((name.replace("_", " "), *map(our_value, found)))
     header = ("", *(f"{method}, {'mm' if kind == 'vertex' else 'degrees'}" for method, kind in COLUMNS))
     note = f"mean errors on {rows[0].poses} test poses."
     return Table("Table 2's numbers under deliberate faults", (header,), tuple(lines), (note,))

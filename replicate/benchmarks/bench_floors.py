@@ -18,13 +18,13 @@ from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import Segment
 from replicate.base.progress import progress
-from replicate.benchmarks.common import answer, artefacts_of, bench_characters, cell, in_groups, make_parser
+from replicate.benchmarks.common import answer, artefacts_of, bench_characters, in_groups, make_parser
 from replicate.config import Config
 from replicate.geometry.mesh import Mesh
 from replicate.methods import artefacts
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table, our_value, round_off
 
 ABOUT = "what maps of several resolutions can hold at best, where skin wrinkles and elsewhere"
 WRITES = "results/runs/bench/bench_floors.csv"
@@ -126,14 +126,14 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
         before: dict[str, float] = {}
         for size in SIZES:
             texels = find(rows, TABLE, character, level, f"texels_per_vertex[{size}]")
-            cells = [f"{words}, {size}×{size}", cell(texels)]
+            cells = [f"{words}, {size}×{size}", our_value(texels)]
             for region in REGIONS:
                 suffix = f"[{size}, {region}]" if region else f"[{size}]"
                 for kind in ("vertex", "normal"):
                     row = find(rows, TABLE, character, level, f"{kind}_error_mean{suffix}")
                     key = f"{region} {kind}"
                     share = row.value / before[key] if row and before.get(key) else None
-                    cells += [cell(row), round_off(share, "ratio")]
+                    cells += [our_value(row), round_off(share, "ratio")]
                     before[key] = row.value if row else 0.0
             lines.append((level, cells))
     header = [

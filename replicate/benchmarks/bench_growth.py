@@ -21,7 +21,7 @@ from replicate.approximation.segments import Segment
 from replicate.base.progress import progress
 from replicate.baselines import dense
 from replicate.baselines.line import Line
-from replicate.benchmarks.common import add_count, answer, bench_row, cell, publish, save_picture, without_rigid_step
+from replicate.benchmarks.common import add_count, answer, bench_row, publish, save_picture, without_rigid_step
 from replicate.config import CoarseConfig, DenseConfig
 from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, error_scale, tidy
 from replicate.geometry.mesh import Mesh
@@ -31,7 +31,7 @@ from replicate.methods.regional import RegionalConfig
 from replicate.regional.model import RegionalModel, StoredBasis
 from replicate.regional.networks import fresh_networks
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table, our_value, round_off
 from replicate.timing.backends import plain_offsets
 from replicate.timing.machine import confined
 from replicate.timing.single_poses import (
@@ -214,7 +214,7 @@ def growth_tables(rows: Sequence[Row]) -> list[Table]:
         body = []
         for name in names:
             found = [find(rows, TABLE, RANDOM, name, metric_of(varied, value)) for value in present]
-            body.append((label_of(name), *map(cell, found)))
+            body.append((label_of(name), *map(our_value, found)))
         title = f"Milliseconds a pose by {varied.replace('_', ' ')}"
         notes = ("Networks of random weights on one core, without the rigid step; 5th percentiles of the times.",)
         tables.append(Table(title, (("", *(f"{value:,}" for value in present)),), tuple(body), notes))

@@ -25,7 +25,6 @@ from replicate.benchmarks.common import (
     artefacts_of,
     bench_methods,
     bench_row,
-    cell,
     make_parser,
 )
 from replicate.config import Config
@@ -42,7 +41,7 @@ from replicate.methods.method import Method
 from replicate.methods.method_registry import choose, in_order, method_named
 from replicate.methods.plan import Plan, reference
 from replicate.report.results import Row, find
-from replicate.report.tables import Table
+from replicate.report.tables import Table, our_value
 from replicate.timing.single_poses import Times, Way, time_single_poses
 
 ABOUT = "milliseconds of inverse kinematics: the networks, a whole update while dragging, and a solver"
@@ -152,7 +151,7 @@ def ik_table(rows: Sequence[Row], character: str) -> Table:
     body = []
     for name in [RIG, *in_order({row.method for row in rows if row.character == character} - {RIG})]:
         label = "The rig, compiled" if name == RIG else method_named(name).label
-        body.append((label, *(cell(find(rows, TABLE, character, name, metric)) for metric, _ in COLUMNS)))
+        body.append((label, *(our_value(find(rows, TABLE, character, name, metric)) for metric, _ in COLUMNS)))
     notes = (
         "One configuration of control points a call, on one thread; medians over turns.",
         "An update is what a dragged point costs: IK networks, mesh with rigid segments, by the fast evaluation "

@@ -23,7 +23,6 @@ from replicate.benchmarks.common import (
     answer,
     artefacts_of,
     bench_folder,
-    cell,
     in_groups,
     make_parser,
     publish,
@@ -37,7 +36,7 @@ from replicate.methods import measurement
 from replicate.methods.method_registry import choose, in_order, method_named, sections
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, error_rows, find, read_results
-from replicate.report.tables import Table, as_text, round_off
+from replicate.report.tables import Table, as_text, our_value, round_off
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -155,7 +154,7 @@ def ladder_tables(rows: Sequence[Row], head: str) -> list[Table]:
     for metric, title in ERRORS.items():
         errors.append((metric, (title, *empty)))
         for method in methods:
-            cells = (cell(values.get((method, metric, rung))) for rung in rungs)
+            cells = (our_value(values.get((method, metric, rung))) for rung in rungs)
             errors.append((metric, (method_named(method).title, *cells)))
         ratios.append((metric, (title.partition(",")[0], *empty)))
         for comparison, method, other in RATIOS:

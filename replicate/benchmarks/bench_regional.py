@@ -24,7 +24,7 @@ from replicate.approximation.metrics import normal_error
 from replicate.approximation.segments import segment_vertices
 from replicate.base.exceptions import InputError
 from replicate.base.paths import REFERENCE
-from replicate.benchmarks.common import add_count, add_only, answer, cell, folders_of, make_parser
+from replicate.benchmarks.common import add_count, add_only, answer, folders_of, make_parser
 from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import resolve
 from replicate.drawing.panels import DPI, LETTER_PT, WIDTH, Words
@@ -41,7 +41,7 @@ from replicate.methods.regional import RegionalConfig
 from replicate.regional.basis import split_regions
 from replicate.regional.model import load
 from replicate.report.results import Row, characters_of, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table, our_value, round_off
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -225,7 +225,7 @@ def borders_table(rows: Sequence[Row], changes: Sequence[str]) -> Table:
     for change in changes:
         border, inner = (by_metric.get(f"{metric}[{change}]") for metric in METRICS)
         if border and inner:
-            body.append((change, cell(border), cell(inner), f"{border.value / inner.value:.2f}"))
+            body.append((change, our_value(border), our_value(inner), f"{border.value / inner.value:.2f}"))
     header = ("", "on borders, degrees", "elsewhere, degrees", "ratio")
     note = "The borders are those of the method's regions, for every line: a model of one region has none there."
     return Table(f"Borders of regions: {rows[0].character}", (header,), tuple(body), (note,))

@@ -19,20 +19,12 @@ from replicate.approximation.segments import Segment
 from replicate.base.exceptions import InputError
 from replicate.base.progress import progress
 from replicate.benchmarks.bench_floors import BATCH, floor_errors, placed_floor, some_test_offsets, vertices_in
-from replicate.benchmarks.common import (
-    answer,
-    artefacts_of,
-    bench_characters,
-    cell,
-    in_groups,
-    make_parser,
-    split_names,
-)
+from replicate.benchmarks.common import answer, artefacts_of, bench_characters, in_groups, make_parser, split_names
 from replicate.config import Config
 from replicate.methods import artefacts
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, find
-from replicate.report.tables import Table
+from replicate.report.tables import Table, our_value
 
 ABOUT = "what readings of §3.3 select to be refined, what of the wrinkles that covers, and its floor"
 WRITES = "results/runs/bench/bench_selection.csv"
@@ -139,7 +131,7 @@ def selection_table(rows: Sequence[Row], character: str) -> Table:
         for plane, words in PLANES.items():
             for rule, name in RULES.items():
                 reading = f"{quantity}_{plane}_{rule}"
-                cells = (cell(find(rows, TABLE, character, reading, metric)) for metric in METRICS)
+                cells = (our_value(find(rows, TABLE, character, reading, metric)) for metric in METRICS)
                 lines.append((f"{quantity}_{plane}", (f"{quantity}, {words}, {name}", *cells)))
     header = ("error of, clusters, their number", *(title for _, title in METRICS.values()))
     notes = (

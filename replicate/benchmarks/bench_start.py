@@ -15,22 +15,14 @@ import numpy as np
 
 from data_recipes.recipe_paths import character_label
 from replicate.base.progress import progress
-from replicate.benchmarks.common import (
-    add_methods,
-    answer,
-    bench_methods,
-    bench_row,
-    cell,
-    make_parser,
-    trained_methods,
-)
+from replicate.benchmarks.common import add_methods, answer, bench_methods, bench_row, make_parser, trained_methods
 from replicate.benchmarks.first_pose import first_pose
 from replicate.config import Config
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.methods import artefacts
 from replicate.methods.attachment import placing_attachments
 from replicate.report.results import Row, find
-from replicate.report.tables import Table
+from replicate.report.tables import Table, our_value
 from replicate.timing.backends import onnx_bytes
 from replicate.timing.single_poses import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
 
@@ -90,7 +82,7 @@ def start_table(rows: Sequence[Row], character: str) -> Table:
             seconds, peak = (find(rows, TABLE, character, name, f"{of}{kind}") for of in ("first_pose", "peak_memory"))
             if seconds or not kind:
                 shown = f"{seconds.value:.1f}" if seconds else "–"
-                body.append((label_of(method), words, cell(size), shown, cell(peak)))
+                body.append((label_of(method), words, our_value(size), shown, our_value(peak)))
     notes = (
         "First pose: from the first import of a fresh process until a face is posed; libraries and the model are "
         f"loaded meanwhile. The quicker of {FRESH} processes, which find all files in the system's memory.",

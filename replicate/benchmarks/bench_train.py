@@ -35,7 +35,6 @@ from replicate.benchmarks.common import (
     artefacts_of,
     bench_characters,
     bench_row,
-    cell,
     in_groups,
     make_parser,
 )
@@ -46,7 +45,7 @@ from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
 from replicate.regional.model import RegionalModel, regional_loss
 from replicate.report.results import Row, find
-from replicate.report.tables import Table
+from replicate.report.tables import Table, our_value
 from replicate.timing.backends import read_full_maps
 
 ABOUT = "milliseconds of a training step, ours beside a plain one, and what each piece of ours brings"
@@ -154,7 +153,7 @@ def steps_table(rows: Sequence[Row], character: str) -> Table:
         for name, label in LABELS.items():
             found = [find(rows, TABLE, character, method, f"{m}[{name}]") for m in ("step_ms", "times_as_fast")]
             if all(found):
-                lines.append((method, (method_named(method).label, label, *map(cell, found))))
+                lines.append((method, (method_named(method).label, label, *map(our_value, found))))
     note = (
         "medians over turns, on one thread; batches of the profile's size; refined: the squares' networks alone; "
         "regional: on meshes, and ours on coefficients of its bases."

@@ -30,7 +30,7 @@ from replicate.methods.plan import Plan
 from replicate.report import manifest
 from replicate.report.publication import alone, check_results_folder, results_folder
 from replicate.report.results import Row, read_results, write_results
-from replicate.report.tables import Table, as_text, round_off
+from replicate.report.tables import Table, as_text
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -283,11 +283,6 @@ def bench_row(
     run: the character's name where nothing is given.
     """
     return Row(table, character, method, metric, unit, float(value), None, 1, poses, PROFILE, run or character)
-
-
-def cell(row: Row | None) -> str:
-    """Return a row's value as tables show it, "–" where there is no row."""
-    return round_off(row.value, row.unit) if row else "–"
 
 
 def in_groups(lines: Iterable[tuple[object, Iterable[str]]]) -> tuple[tuple[str, ...] | None, ...]:

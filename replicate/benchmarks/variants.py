@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replicate.benchmarks.common import cell, in_groups, make_stages, publish, selected, split_names
+from replicate.benchmarks.common import in_groups, make_stages, publish, selected, split_names
 from replicate.config import Config
 from replicate.drawing.panels import DPI, MEASURES, WIDTH, Words, enlarge, tidy
 from replicate.engine.store import artefact_folder, read_manifest
@@ -17,7 +17,7 @@ from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import LOG
 from replicate.report.results import Row, read_log
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table, our_value, round_off
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -122,7 +122,7 @@ def variants_tables(rows: Sequence[Row], name: str, title: str, changes: Mapping
 def _cell(row: Row | None) -> str:
     if row is None:
         return ""
-    return f"{row.value / 1e6:.1f}" if row.unit == "count" else cell(row)
+    return f"{row.value / 1e6:.1f}" if row.unit == "count" else our_value(row)
 
 
 # Trainings that differ in one thing, as a picture: how far each change moves both errors.

@@ -19,7 +19,7 @@ from replicate.capture.landmark_motion import Motion, control_motion, resampled,
 from replicate.capture.tracker_files import Weights, read_recording
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.marks import balls_in_front
-from replicate.drawing.panels import DPI, Words, save_figure
+from replicate.drawing.panels import DPI, Words, as_picture, save_figure
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import moving_parts
 from replicate.methods import artefacts
@@ -221,11 +221,9 @@ def landmark_picture(
     window: lower left and upper right corner of what is shown
     width, height: of the picture, pixels
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     for chain, closed in CHAINS:
@@ -236,8 +234,7 @@ def landmark_picture(
     (left, bottom), (right, top) = window
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return as_picture(figure)
 
 
 def window_of(places: Float[np.ndarray, "t l 2"], aspect: float) -> tuple[np.ndarray, np.ndarray]:

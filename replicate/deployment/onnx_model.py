@@ -1,6 +1,7 @@
 """A whole approximation as one ONNX model: rig parameters in, vertices in mm out, maps and rigid step inside."""
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
@@ -12,6 +13,9 @@ from replicate.deployment.onnx_graph import OnnxGraph
 from replicate.deployment.onnx_offsets import add_offsets, padded, places
 from replicate.deployment.onnx_rigid import add_rigid_segments
 from replicate.geometry.mesh import Mesh
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 PARAMETERS, VERTICES, POSES = "parameters", "vertices", "poses"  # the input, the output, and the free dimension
 
@@ -76,12 +80,17 @@ def drawn_poses(controls: Sequence[Control], count: int, rng: np.random.Generato
 
 def posed(model: onnx.ModelProto, params: Float32[np.ndarray, "b m"], threads: int = 1) -> Float32[np.ndarray, "b n 3"]:
     """Return the vertices that onnxruntime gives for a model, mm, on the CPU."""
+    return session(model.SerializeToString(), threads).run([VERTICES], {PARAMETERS: params})[0]
+
+
+def session(written: bytes, threads: int = 1, spins: bool = True) -> "onnxruntime.InferenceSession":
+    """Return what onnxruntime makes of an ONNX file on the CPU. spins: whether threads that wait for work keep busy."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.log_severity_level = threads, 3
-    session = onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
-    return session.run([VERTICES], {PARAMETERS: params})[0]
+    options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = threads, 1, 3
+    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spins)))
+    return onnxruntime.InferenceSession(written, options, providers=["CPUExecutionProvider"])
 
 
 def largest_distance(one: Float[np.ndarray, "*#b n 3"], other: Float[np.ndarray, "*#b n 3"]) -> float:

@@ -36,7 +36,7 @@ from replicate.baselines.dense import DenseNetwork
 from replicate.baselines.line import Line
 from replicate.deployment.onnx_functions import recorded
 from replicate.deployment.onnx_graph import OnnxGraph
-from replicate.deployment.onnx_model import PARAMETERS, POSES, drawn_poses
+from replicate.deployment.onnx_model import PARAMETERS, POSES, drawn_poses, session
 from replicate.deployment.onnx_rigid import add_rotations
 from replicate.geometry.alignment import align
 from replicate.geometry.mesh import Mesh
@@ -189,12 +189,8 @@ def found_weights(model: onnx.ModelProto, params: Float32[np.ndarray, "b m"]) ->
 
 def weights_by_onnx(written: bytes) -> Callable[[np.ndarray], np.ndarray]:
     """Return parameters (b, m) float32 → weights (b, s) float32 of an ONNX file, by onnxruntime on one thread."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = 1, 1, 3
-    session = onnxruntime.InferenceSession(written, options, providers=["CPUExecutionProvider"])
-    return lambda params: session.run([WEIGHTS], {PARAMETERS: params})[0]
+    network = session(written)
+    return lambda params: network.run([WEIGHTS], {PARAMETERS: params})[0]
 
 
 # What gives the weights: networks, and the rigid step.

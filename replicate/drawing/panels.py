@@ -76,6 +76,15 @@ def panel_grid(
     return figure
 
 
+def as_picture(figure: "matplotlib.figure.Figure") -> np.ndarray:
+    """Return a figure as (height, width, 3) uint8, as it looks at its own resolution."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
 def png(figure: "matplotlib.figure.Figure", words: Words) -> bytes:
     """Return a figure as PNG with its alt text inside; the same figure gives the same bytes."""
     from PIL import Image

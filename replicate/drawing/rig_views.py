@@ -13,7 +13,7 @@ from data_recipes.rig import Rig, has_function
 from replicate.base.tables import Column, read_csv, write_csv
 from replicate.drawing.face_sheet import LETTER, WIDE, WIDTH, Cell, cell_width, face_sheet
 from replicate.drawing.light import EVEN, trace
-from replicate.drawing.panels import DPI
+from replicate.drawing.panels import DPI, as_picture
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
@@ -140,7 +140,6 @@ def legend_panel(entries: Sequence[tuple], heading: str = "", width: int = WIDTH
 
     It has as many columns as its longest text leaves room for, and the letters of a face sheet.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
@@ -168,9 +167,7 @@ def legend_panel(entries: Sequence[tuple], heading: str = "", width: int = WIDTH
             edge = Rectangle((x, y + (line - square) / 2), square, square, fill=False, edgecolor="0.5", linewidth=0.8)
             axes.add_patch(edge)
         axes.text(x + 1.3 * letter, y + line / 2, text, **style)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return as_picture(figure)
 
 
 def hexadecimal(colour: Sequence[int]) -> str:

@@ -20,6 +20,7 @@ from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.heatmap import middle_line, normal_heat, split_face
 from replicate.drawing.light import PORTRAIT
 from replicate.drawing.marks import balls_in_front
+from replicate.drawing.panels import as_picture
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
@@ -77,8 +78,6 @@ def frame(
 
     targets: where the control points are wanted, mm
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     face = next(iter(faces.values()))
     rig, mesh = face.rig, face.rig.mesh
     params = np.clip(face.ik.solve(targets[None])[0], rig.lower, rig.upper).astype(np.float32)
@@ -101,9 +100,7 @@ def frame(
         line = middle_line(mesh.neutral, vertices, mesh.faces, camera, width, height)
         error = f"{np.nanmean(normal_error(vertices, truth, mesh.faces)):.2f}°"
         cells.append(Cell(method.label, (split_face(draw(vertices), half, line),), (error,)))
-    canvas = FigureCanvasAgg(face_sheet(cells, len(cells), width=WIDTH, first_bold=True))
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return as_picture(face_sheet(cells, len(cells), width=WIDTH, first_bold=True))
 
 
 def faces_of(character: str) -> dict[Method, PosedFace]:

@@ -47,6 +47,11 @@ def round_off(value: float | None, unit: str, sd: float | None = None) -> str:
     return f"{value:,.{digits}f} ± {sd:.{finer}f}"
 
 
+def our_value(row: Row | None, spread: bool = True) -> str:
+    """Return a value of ours for a table, with its standard deviation if `spread`; "–" for a row that is missing."""
+    return round_off(row.value, row.unit, row.sd if spread else None) if row else "–"
+
+
 def paper_value(row: Row | None) -> str:
     """Return a value of the paper's with its printed digits; "?" marks one that the scan makes doubtful."""
     if row is None:

@@ -10,7 +10,7 @@ from replicate.cli.target_list import targets
 from replicate.config import check_profile
 from replicate.methods.method_registry import in_order
 from replicate.report.results import STANDS_FOR, Row, find, order_of, read_results
-from replicate.report.tables import Table, as_latex, as_text, paper_value, round_off
+from replicate.report.tables import Table, as_latex, as_text, our_value, paper_value
 from replicate.timing.single_poses import CHANGE, label_of
 
 
@@ -67,7 +67,7 @@ def compare(
         old, new = (find(rows, table, character, method, metric) for rows in (reference, yours))
         seen.append((old, new))
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
-        cells = (round_off(row.value, units[key], row.sd) if row else "–" for row in (old, new))
+        cells = (our_value(row) for row in (old, new))
         name = f"{TABLE1_NAMES.get(method) or label_of(method, marked=True)}, {named}" if table == "table1" else ""
         body.append((f"  {name or label_of(method, marked=True)}", paper_value(published), *cells, ratio))
     title = f"{table}: the paper's rig | the reference results | yours"

@@ -12,7 +12,7 @@ from data_recipes.rig import Rig
 from replicate.approximation.segments import Segment
 from replicate.cli.running import make
 from replicate.drawing.face_sheet import LETTER, WIDTH
-from replicate.drawing.panels import DPI, Words, save_figure
+from replicate.drawing.panels import DPI, Words, as_picture, save_figure
 from replicate.drawing.rig_views import (
     DISTINCT,
     UNUSED_COLOUR,
@@ -207,7 +207,6 @@ def charts_in_rows(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> list[UInt8
 
 
 def _panel(mesh, segments, face_colours, chart: str, width: int) -> np.ndarray:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     letter = LETTER * WIDTH
@@ -217,9 +216,7 @@ def _panel(mesh, segments, face_colours, chart: str, width: int) -> np.ndarray:
     axes = figure.add_axes((5 / width, 4 / height, side / width, side / height))
     axes.set_title(chart.replace("_", " "), fontsize=letter * 72 / DPI, pad=4)
     _draw(axes, mesh, [segment for segment in segments if chart_of(segment) == chart], face_colours, chart)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return as_picture(figure)
 
 
 def _draw(axes, mesh: Mesh, segments: Sequence[Segment], face_colours: np.ndarray, chart: str) -> None:

@@ -140,17 +140,11 @@ def run_by_onnx(written: bytes, threads: int = 1, spins: bool = False) -> Evalua
     threads: how many share the work of an operator. spins: whether a thread that waits for the next operator keeps its
     core busy, so that it starts at once.
     """
-    import onnxruntime
+    from replicate.deployment.onnx_model import PARAMETERS, session
 
-    from replicate.deployment.onnx_model import PARAMETERS
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spins)))
-    options.log_severity_level = 3
-    session = onnxruntime.InferenceSession(written, options, providers=["CPUExecutionProvider"])
+    model = session(written, threads, spins)
 
     def evaluate(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
-        return session.run(None, {PARAMETERS: np.ascontiguousarray(params, np.float32)})[0]
+        return model.run(None, {PARAMETERS: np.ascontiguousarray(params, np.float32)})[0]
 
     return evaluate

@@ -17,7 +17,7 @@ from replicate.drawing.render import render
 from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
 from replicate.methods import artefacts
 from replicate.report.results import Row, characters_of, find, most_seeds, seeds_in_words
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table, our_value
 from replicate.targets.figure13 import moved as figure13_moved
 from replicate.targets.figure13.moved import ORIGINAL, Mean
 from replicate.transfer.landmark_alignment import face_of
@@ -255,12 +255,12 @@ def meshes_table(rows: Sequence[Row], character: str) -> Table:
     rows = [row for row in rows if row.character == character]
     present = {row.method for row in rows}
     body: list[tuple[str, ...] | None] = []
-    for kind, unit, words in KINDS:
+    for kind, _, words in KINDS:
         body += [None] if body else []
         body.append((words, *[""] * len(MESHES)))
         for way in (way for way in LABELS if way in present):
             found = [find(rows, "figure13", character, way, f"{kind}_error_mean[{mesh}]") for mesh in MESHES]
-            body.append((LABELS[way], *(round_off(row.value, unit, row.sd) if row else "–" for row in found)))
+            body.append((LABELS[way], *(our_value(row) for row in found)))
     return Table(
         f"Meshes of other topologies: {character}", (("", *MESHES.values()),), tuple(body), (*NOTES, _about(rows))
     )
@@ -275,9 +275,9 @@ def charts_table(rows: Sequence[Row], character: str) -> Table:
     for chart in charts:
         cells = []
         for mesh in ("half", "quarter"):
-            for kind, unit, _ in KINDS:
+            for kind, _, _ in KINDS:
                 row = find(rows, "figure13", character, "coarse", f"{kind}_error_mean[{mesh}][{chart}]")
-                cells.append(round_off(row.value, unit, row.sd) if row else "–")
+                cells.append(our_value(row))
         body.append((chart, *cells))
     spans = ("", MESHES["half"], "", MESHES["quarter"], "")
     notes = ("Shifts are in pixels of the coarse maps; every chart is moved on its own, in random directions.",)
@@ -298,9 +298,9 @@ def others_table(rows: Sequence[Row], character: str) -> Table | None:
     for way in LABELS:
         cells = []
         for other in others:
-            for kind, unit, _ in KINDS:
+            for kind, _, _ in KINDS:
                 row = find(rows, "figure13", character, way, f"{kind}_error_mean[{other}]")
-                cells.append(round_off(row.value, unit, row.sd) if row else "–")
+                cells.append(our_value(row))
         body.append((LABELS[way], *cells))
     spans = ("", *(cell for other in others for cell in (other, "")))
     units = ("", *("mm", "degrees") * len(others))

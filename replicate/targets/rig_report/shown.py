@@ -15,7 +15,7 @@ from replicate.drawing.scene import Surface, camera_for
 from replicate.geometry.mesh import Mesh
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.results import Row, characters_of, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table, our_value, round_off
 from replicate.targets.rig_report.rows import LENGTHS, read_pairs
 
 if TYPE_CHECKING:
@@ -158,16 +158,16 @@ def _line(
         if unit == "%":
             cells.append(_percent(row.value if row else None))
         else:
-            cells.append(round_off(row.value, unit, row.sd) if row else "–")
+            cells.append(our_value(row))
     return (f"– {label}", *cells)
 
 
 def _errors(rows: Sequence[Row], table: str, character: str, method: str) -> tuple[str, ...]:
     cells = []
-    for kind, unit, _ in KINDS:
+    for kind, _, _ in KINDS:
         for statistic in STATISTICS:
             row = find(rows, table, character, method, f"{kind}_error_{statistic}")
-            cells.append(round_off(row.value, unit, row.sd) if row else "–")
+            cells.append(our_value(row))
     return tuple(cells)
 
 
@@ -359,7 +359,8 @@ def _draw_maps(axes: "matplotlib.axes.Axes", measured: Measurements) -> None:
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     axes.set_xticks(sizes, [f"{size}²" for size in sizes])
-    axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees", ylim=(SMALLEST_DEG, None))
+    axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees")
+    axes.set_ylim(SMALLEST_DEG, 10 * axes.get_ylim()[1])  # the legend stands above all lines
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     axes.legend(handles.values(), handles, edgecolor="white", fontsize=SIZE_PT, loc="upper right")
     axes.set_title("What maps of a size can hold", fontsize=SIZE_PT)

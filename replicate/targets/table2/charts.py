@@ -22,7 +22,7 @@ from replicate.report.results import (
     read_curves,
     read_results,
 )
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table, our_value, round_off
 from replicate.targets.figure09.forehead_wrinkles import figure09
 from replicate.targets.figure10 import figure10, picture_name
 from replicate.targets.table2.rows import CURVES, ROWS, clips_rows, paper_profile_rows, second_layouts
@@ -253,9 +253,9 @@ def line_table(rows: Sequence[Row], character: str) -> Table | None:
     body: list[tuple[str, ...] | None] = []
     for name in networks:
         found = [_error(rows, character, method, metric) for metric in metrics for method in (name, PAIRS[name])]
-        body.append((method_named(name).label, *(round_off(row.value, row.unit) if row else "–" for row in found)))
+        body.append((method_named(name).label, *(our_value(row, spread=False) for row in found)))
     found = [_error(rows, character, LINE_METHOD, metric) for metric in metrics]
-    alone = [round_off(row.value, row.unit) if row else "–" for row in found]
+    alone = [our_value(row, spread=False) for row in found]
     body.append((method_named(LINE_METHOD).label, *(cell for value in alone for cell in (value, ""))))
     ratios = [line for above, below in RATIOS if (line := _ratio_line(rows, character, above, below, networks))]
     body += [None, *ratios] if ratios else []

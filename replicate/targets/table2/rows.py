@@ -25,7 +25,7 @@ from replicate.report.results import (
     write_curves,
     write_results,
 )
-from replicate.report.tables import Table, paper_value, round_off
+from replicate.report.tables import Table, our_value, paper_value, round_off
 from replicate.targets.shown_records import load_records
 
 
@@ -140,14 +140,14 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
     characters = [c for c in STANDS_FOR if any(row.character == c for row in rows)]
     present = in_order({row.method for row in rows if row.character in characters})
     body: list[tuple[str, ...] | None] = []
-    for kind, unit, words in (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees")):
+    for kind, words in (("vertex", "Distance error, mm"), ("normal", "Normal angle error, degrees")):
         body += [None] if body else []
         body.append((words, *[""] * (2 * len(characters))))
         for method in present:
             cells = [method_named(method).title]
             for character in characters:
                 mine = find(rows, "table2", character, method, f"{kind}_error_mean")
-                cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
+                cells.append(our_value(mine))
                 cells.append(paper_value(find(paper, "table2", STANDS_FOR[character], method, f"{kind}_error_mean")))
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
@@ -166,9 +166,9 @@ def other_rigs(ours: Sequence[Row]) -> Table:
     for method in present:
         cells = [method_named(method).title]
         for character in characters:
-            for kind, unit in (("vertex", "mm"), ("normal", "deg")):
+            for kind in ("vertex", "normal"):
                 mine = find(rows, "table2", character, method, f"{kind}_error_mean")
-                cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
+                cells.append(our_value(mine))
         body.append(tuple(cells))
     header = ("", *(f"{character}, {unit}" for character in characters for unit in ("mm", "degrees")))
     heading = "Mean errors on rigs that others wrote: distance (mm) and normal angle (degrees)"
@@ -178,10 +178,10 @@ def other_rigs(ours: Sequence[Row]) -> Table:
 
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
     cells = [method_named(method).title]
-    for kind, unit in (("vertex", "mm"), ("normal", "deg")):
+    for kind in ("vertex", "normal"):
         for statistic in STATISTICS:
             row = find(rows, "table2", character, method, f"{kind}_error_{statistic}")
-            cells.append(round_off(row.value, unit, row.sd) if row else "–")
+            cells.append(our_value(row))
         cells.append(paper_value(find(paper, "table2", theirs or "", method, f"{kind}_error_mean")))
     texels = find(rows, "table2", character, method, "texels_per_vertex")
     return (*cells, round_off(texels.value, "ratio") if texels else "")
@@ -336,7 +336,7 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
         body += [None] if body else []
         for name in names:
             errors = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
-            cells = (round_off(row.value, unit) if row else "–" for row in errors)
+            cells = (our_value(row, spread=False) for row in errors)
             body.append((f"{name}, {unit}", *cells))
     header = (
         "",
@@ -366,7 +366,7 @@ def work_table(ours: Iterable[Row], character: str) -> Table | None:
     for method in in_order({row.method for row in rows}):
         size, work, training = (find(rows, "table2", character, method, metric) for metric in METRICS)
         millions = round_off(work.value / 1e6, "ratio") if work else "–"
-        cells = (round_off(row.value, row.unit, row.sd) if row else "–" for row in (size, training))
+        cells = (our_value(row) for row in (size, training))
         body.append((method_named(method).label, next(cells), millions, next(cells)))
     header = ("", "MB", "million multiplications a pose", "training, s")
     return Table(f"Size, work and training: {character}", (header,), tuple(body), NOTES)
@@ -441,7 +441,7 @@ def side_by_side(title: str, rows: Sequence[Row], others: Sequence[Row], charact
         both = [(metric, each) for metric, _ in columns for each in (rows, others)]
         cells = [find(each, "table2", character, method.name, metric) for metric, each in both]
         if all(cells[:4]):
-            body.append((method.label, *(round_off(cell.value, cell.unit) if cell else "–" for cell in cells)))
+            body.append((method.label, *(our_value(cell, spread=False) for cell in cells)))
     lines = [_ratios(rows, others, character, *pair) for pair in PROFILE_RATIOS]
     body += [None, *(line for line in lines if line)]
     spans = ("", *(cell for _, label in columns for cell in (label, "")))

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from replicate.inverse.ik_stage import RIG
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.results import STANDS_FOR, Row, characters_of, find, seeds_note
-from replicate.report.tables import Table, paper_value, round_off
+from replicate.report.tables import Table, our_value, paper_value
 from replicate.targets.table2.rows import method_notes
 from replicate.targets.table4.rows import COMPARED, FRESH_ENDING, INTERVAL, LIMITED, OWN
 
@@ -47,14 +47,14 @@ def posing_table(rows: Sequence[Row], paper: Sequence[Row], endings: Mapping[str
     present = in_order({row.method for row in rows if row.metric in ("vertex_error_mean", "normal_error_mean")})
     body: list[tuple[str, ...] | None] = []
     for ending, addition in endings.items():
-        for kind, unit, words in KINDS:
+        for kind, _, words in KINDS:
             body += [None] if body else []
             body.append((words + addition, *[""] * (2 * len(characters))))
             for method in present:
                 cells = [method_named(method).title]
                 for character in characters:
                     mine = find(rows, "table4", character, method, f"{kind}_error_mean{ending}")
-                    cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
+                    cells.append(our_value(mine))
                     theirs = STANDS_FOR.get(character, "")
                     cells.append(paper_value(find(paper, "table4", theirs, method, f"{kind}_error_mean{ending}")))
                 body.append(tuple(cells))
@@ -69,13 +69,13 @@ def feeding_table(rows: Sequence[Row], character: str) -> Table:
     methods = in_order({row.method for row in rows if row.metric.startswith("normal_error_mean[")})
     body: list[tuple[str, ...] | None] = []
     for ending, addition in ENDINGS.items():
-        for kind, unit, words in KINDS:
+        for kind, _, words in KINDS:
             body += [None] if body else []
             body.append((words + addition, *[""] * len(sources)))
             for method in methods:
                 metric = f"{kind}_error_mean{ending}"
                 found = [find(rows, "table4", character, method, f"{metric}[{source}]") for source in sources]
-                cells = (round_off(row.value, unit, row.sd) if row else "–" for row in found)
+                cells = (our_value(row) for row in found)
                 body.append((method_named(method).label, *cells))
     header = ("in poses of networks that are trained through", *map(source_label, sources))
     note = "A line is an approximation, a column the poses that it is measured in; both are compared with the rig."
@@ -88,12 +88,12 @@ def fresh_table(rows: Sequence[Row], character: str) -> Table:
     ways = sorted({row.metric.removeprefix(start)[:-1] for row in rows if row.metric.startswith(start)}, key=_way_place)
     methods = in_order({row.method for row in rows if f"_error_mean{FRESH_ENDING}[" in row.metric})
     body: list[tuple[str, ...] | None] = []
-    for kind, unit, words in KINDS:
+    for kind, _, words in KINDS:
         body += [None] if body else []
         body.append((words, *[""] * len(ways)))
         for method in methods:
             found = [find(rows, "table4", character, method, f"{kind}_error_mean{FRESH_ENDING}[{way}]") for way in ways]
-            cells = (round_off(row.value, unit, row.sd) if row else "–" for row in found)
+            cells = (our_value(row) for row in found)
             body.append((method_named(method).label, *cells))
         body.append((_ratio_words(), *(_ratio_cell(rows, character, kind, way) for way in ways)))
     header = (
@@ -132,9 +132,7 @@ def networks_table(rows: Sequence[Row], character: str) -> Table:
     body = []
     for source in _sources(rows):
         found = [(find(rows, "table4", character, source, metric), unit) for metric, unit, _ in COLUMNS]
-        body.append(
-            (source_label(source), *(round_off(row.value, unit, row.sd) if row else "–" for row, unit in found))
-        )
+        body.append((source_label(source), *(our_value(row) for row, unit in found)))
     notes = (
         "points: how far the rig's control points are from where they shall go; most targets are beyond its reach.",
         "by a solver: the same where Eq. 8 is minimised anew for each configuration (L-BFGS, within the limits).",
