@@ -12,13 +12,13 @@ from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments, attach
 from replicate.base.exceptions import InputError
+from replicate.engine.provenance import core_count
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import Evaluate, fast_evaluation
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.methods.method import Model
 from replicate.timing.gpu_evaluation import gpu_evaluation, graph_evaluation
 from replicate.timing.jax_evaluation import jax_evaluation
-from replicate.timing.machine import core_total
 from replicate.timing.single_poses import FAST, GPU, GRAPH, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
 
 
@@ -27,7 +27,7 @@ def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[s
 
     Those with several threads are among them where the process has several cores.
     """
-    plain, written, cores = plain_offsets(model), onnx_bytes(model, mesh, attachments), core_total()
+    plain, written, cores = plain_offsets(model), onnx_bytes(model, mesh, attachments), core_count()
 
     def by_torch(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
         return attach(mesh, attachments, mesh.neutral + plain(params))

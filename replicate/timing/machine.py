@@ -31,11 +31,6 @@ def can_confine() -> bool:
     return sys.platform == "linux" and hasattr(os, "sched_setaffinity") and TASKS.is_dir()
 
 
-def core_total() -> int:
-    """Return how many cores the process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 @contextmanager
 def one_core() -> Iterator[None]:
     """Keep all threads of the process on one core while the context lasts, XLA's too, whose count is fixed at start.

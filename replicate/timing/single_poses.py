@@ -18,7 +18,6 @@ from replicate.methods.method_registry import in_order, method_named
 
 WARM_UP = 10  # evaluations of each way that don't count
 TURN = 10  # evaluations of a way before the next one's turn; one more before them doesn't count
-DISTURBED = 1.5  # 95th percentile over median: beyond it something else ran on the machine
 
 Evaluate = Callable[[np.ndarray], object]  # one pose, (1, …)
 
@@ -40,11 +39,6 @@ class Times:
     p05: float
     p95: float
     evaluations: int
-
-    @property
-    def is_disturbed(self) -> bool:
-        """Whether the slow evaluations take so much longer than the usual ones that the mean says little."""
-        return self.p95 > DISTURBED * self.median
 
 
 class Turns:

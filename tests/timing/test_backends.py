@@ -26,7 +26,7 @@ ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0
 )
 def test_all_backends_of_a_model_give_its_vertices(name, endings, monkeypatch):
     model = MODELS[name]()
-    monkeypatch.setattr("replicate.timing.backends.core_total", lambda: 2)
+    monkeypatch.setattr("replicate.timing.backends.core_count", lambda: 2)
     found = other_backends(model, MESH, ATTACHMENTS)
     assert tuple(found) == endings
     own = attach(MESH, ATTACHMENTS, MESH.neutral + model.offsets(POSES))
@@ -36,7 +36,7 @@ def test_all_backends_of_a_model_give_its_vertices(name, endings, monkeypatch):
 
 
 def test_one_core_has_no_evaluation_that_is_divided_among_threads(monkeypatch):
-    monkeypatch.setattr("replicate.timing.backends.core_total", lambda: 1)
+    monkeypatch.setattr("replicate.timing.backends.core_count", lambda: 1)
     assert set(other_backends(MODELS["linear"](), MESH, ATTACHMENTS)).isdisjoint(THREADED)
     names = ("linear_onnx", "linear_onnx_threads", "linear_onnx_spinning", "linear_gpu", "linear_gpu_graph", "rig")
     ways = dict.fromkeys(names, Way(abs))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from replicate.timing.machine import can_confine, core_total, one_core, threads
+from replicate.timing.machine import can_confine, one_core, threads
 
 
 @pytest.mark.skipif(not can_confine(), reason="this system can't keep a process on one core")
@@ -34,4 +34,4 @@ def test_threads_are_as_many_as_asked_for_and_as_many_as_before_afterwards():
     before = torch.get_num_threads()
     with threads(3):
         assert torch.get_num_threads() == 3
-    assert torch.get_num_threads() == before and core_total() >= 1
+    assert torch.get_num_threads() == before

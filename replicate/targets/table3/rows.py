@@ -14,6 +14,7 @@ import numpy as np
 from data_recipes.rig import Rig, has_function
 from replicate.approximation.metrics import unique_poses
 from replicate.approximation.rigid import attach
+from replicate.engine.provenance import core_count
 from replicate.engine.stage import stage_function
 from replicate.engine.store import read_manifest
 from replicate.methods import artefacts
@@ -22,7 +23,6 @@ from replicate.report.results import Row, find, run_name, write_results
 from replicate.report.tables import round_off
 from replicate.timing.single_poses import (
     BACKENDS,
-    DISTURBED,
     EXACT,
     FAST,
     HALF,
@@ -84,6 +84,7 @@ class RowsSettings:
 NODES_EVERY = 2  # node by node, which takes long, the rig is evaluated in every second turn
 PEERS_EVERY = 5  # where a method has a fast evaluation, its others run in every fifth turn
 ROUND = 50  # turns of a rig and its methods before those of the next rig
+DISTURBED = 1.5  # 95th percentile over median: beyond it something else ran on the machine
 COMPARED = 20  # poses in which every backend is compared with the method's own prediction
 ONE, ALL, GRAPHICS = "one_core", "all_cores", "gpu"  # where a time is measured, and endings of the metrics
 
@@ -132,8 +133,6 @@ class TimedRig:
 
     def rows(self) -> list[Row]:
         """Return the rig's rows."""
-        from replicate.timing.machine import core_total
-
         settings, poses = self._settings, self._poses
         facts = settings.profile, run_name(self._inputs)
         values = [
@@ -142,7 +141,7 @@ class TimedRig:
             for name, times in turns.times().items()
             for metric, value in metrics(times)
         ]
-        values += [(RIG, "cores", "count", core_total(), None), *costs(settings, self._inputs)]
+        values += [(RIG, "cores", "count", core_count(), None), *costs(settings, self._inputs)]
         values += differences(self._ways, poses[:: -(-len(poses) // COMPARED)])
         return [
             Row("table3", settings.character, method, metric, unit, float(value), None, 1, evaluations, *facts)
@@ -157,13 +156,13 @@ def settings_of_cores() -> Iterator[tuple[str, AbstractContextManager[None]]]:
     """
     import torch
 
-    from replicate.timing.machine import can_confine, core_total, one_core, threads
+    from replicate.timing.machine import can_confine, one_core, threads
 
-    yield ALL, threads(core_total())
+    yield ALL, threads(core_count())
     if can_confine():
         yield ONE, one_core()
     if torch.cuda.is_available():
-        yield GRAPHICS, threads(core_total())
+        yield GRAPHICS, threads(core_count())
 
 
 def ways_on(where: str, ways: Mapping[str, Way]) -> dict[str, Way]:

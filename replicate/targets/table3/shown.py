@@ -10,11 +10,10 @@ from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, error_scale, ti
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.results import STANDS_FOR, Row, characters_of, find, most_seeds, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
-from replicate.targets.table3.rows import ALL, GRAPHICS, ONE, best_row, best_time, cell
+from replicate.targets.table3.rows import ALL, DISTURBED, GRAPHICS, ONE, best_row, best_time, cell
 from replicate.timing.single_poses import (
     BACKENDS,
     CHANGE,
-    DISTURBED,
     EXACT,
     FAST,
     GPU,
