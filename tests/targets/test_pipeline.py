@@ -204,6 +204,23 @@ def test_every_method_has_both_errors(undisturbed):
     assert {row.method for row in rows} == set(SHOWN)
 
 
+def test_numbers_are_what_the_code_gave_when_results_were_last_committed(undisturbed):
+    rows = read_results(undisturbed[0] / "results" / "quick" / "table2.csv")
+    with (ROOT / "tests/targets/tiny.csv").open() as file:
+        before = list(csv.DictReader(file))
+    assert {line["method"] for line in before} == set(SHOWN)
+    moved = []
+    for line in before:
+        for metric, unit in (("vertex_error_mean", "mm"), ("normal_error_mean", "degrees")):
+            new, old = find(rows, "table2", "tiny", line["method"], metric).value, float(line[unit])
+            if abs(new - old) > float(line["within"]) * old:  # twice what another instruction set has moved them
+                moved.append(f"{line['method']} {old} → {new:.4f} {unit}")
+    assert not moved, (
+        f"{', '.join(moved)}: committed results of these methods would change too. If that is meant, write the new "
+        "numbers into tests/targets/tiny.csv, and make the results anew or name them in results/README.md"
+    )
+
+
 def test_every_prediction_has_its_work_and_every_training_its_time(undisturbed):
     folder, printed = undisturbed
     rows = read_results(folder / "results" / "quick" / "table2.csv")
