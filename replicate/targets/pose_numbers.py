@@ -33,12 +33,13 @@ from replicate.report.results import Row, characters_of, find, run_name, write_r
 from replicate.report.tables import Table, as_text
 from replicate.targets.shown_records import load_records, picture_settings, record_stages
 
-KINDS = {"vertex": "distance error, mm", "normal": "normal error, °", "strip": "of the strip, °"}
+KINDS = {"vertex": "distance error, mm", "normal": "normal error, °", "strip": "normal error, °"}
 ERROR = re.compile(r"(vertex|normal|strip)_error_mean\[(\w+)\](?:\[(.+)\])?")  # kind, the pose's rule, region
 TITLES = {
     "figure01": "Figure 1: mean errors in the pictures' pose",
-    "figure09": "Figure 9: mean normal errors of the forehead, and of the strip below it",
+    "figure09": "Figure 9: mean normal errors of the forehead",
     "figure10": "Figure 10: mean normal errors",
+    "strip": "Figure 9: mean normal errors of the strip below the forehead",
 }
 RIVALS = {"figure01": ("refined", "lbs32"), "figure09": ("refined", "lbs32"), "figure10": ("refined", "dense")}
 REGIONS = (WHOLE, "forehead", "eyes", "nose", "cheeks", "mouth", "jaw")  # columns in order; others come after them
@@ -120,11 +121,17 @@ def publish(figure: str, results: Sequence[CharacterResult]) -> None:
 
 
 def pose_tables(rows: Iterable[Row], figure: str) -> list[Table]:
-    """Return the tables of a figure: for Figure 10 one for each character, for the others one for all of them."""
+    """Return the tables of a figure: of Figure 10 one for each character, of the others one for all of them.
+
+    Figure 9 has a second one, of the strip below the forehead.
+    """
     rows = [row for row in rows if row.table == figure]
     characters = characters_of(rows)
-    groups = [[name] for name in characters] if figure == "figure10" else [characters] if characters else []
-    return [_table([row for row in rows if row.character in group], figure, group) for group in groups]
+    if figure == "figure10":
+        return [_table([row for row in rows if row.character == name], figure, [name]) for name in characters]
+    first = [row for row in rows if not row.metric.startswith("strip")]
+    second = [row for row in rows if not row.metric.startswith(("normal", "vertex"))]
+    return [_table(part, figure, characters) for part in (first, second) if _errors(part)]
 
 
 def _table(rows: Sequence[Row], figure: str, characters: Sequence[str]) -> Table:
@@ -155,7 +162,8 @@ def _table(rows: Sequence[Row], figure: str, characters: Sequence[str]) -> Table
     whose = f", {characters[0]}" if by_region else ""
     header = (("", *spans), ("", *(name for _, name in columns)))
     notes = marks_in_words({method for _, _, method, *_ in errors})
-    return Table(TITLES[figure] + whose, header, tuple(body), (notes,) if notes else ())
+    title = TITLES["strip" if columns[0][0] == "strip" else figure]
+    return Table(title + whose, header, tuple(body), (notes,) if notes else ())
 
 
 def _errors(rows: Iterable[Row]) -> dict[tuple[str, str, str, str, str], float]:

@@ -118,9 +118,14 @@ def test_tables_have_a_heading_for_each_pose_and_a_column_for_each_region_from_t
     assert table.headers == (("", "distance error, mm", "normal error, °"), ("", "teen", "teen"))
     assert table.body[0] == ("test pose", "7", "7") and "An oracle" in as_text(table)
     both = [*rows_in("figure09", records), *(replace(row, character="toon") for row in rows_in("figure09", records))]
-    (table,) = pose_tables([row for row in both if row.key[1:3] != ("toon", "coarse")], "figure09")
-    assert table.headers == (("", "normal error, °", "", "of the strip, °", ""), ("", *["teen", "toon"] * 2))
-    assert table.body[1][0] == "Coarse" and table.body[1][2::2] == ("–", "–") and "–" not in table.body[1][1::2]
+    tables = pose_tables([row for row in both if row.key[1:3] != ("toon", "coarse")], "figure09")
+    assert [table.title.rpartition(" of the ")[2] for table in tables] == ["forehead", "strip below the forehead"]
+    for table, kind in zip(tables, ("normal", "strip"), strict=True):
+        degrees = values(rows_in("figure09", records))[
+            "coarse", f"{kind}_error_mean[folded]" + "[forehead]" * (kind == "normal")
+        ]
+        assert table.headers == (("", "normal error, °", ""), ("", "teen", "toon"))
+        assert table.body[:2] == (("test pose", "7", "7"), ("Coarse", f"{degrees:.2f}", "–"))
 
 
 def rows_of_method(character: str, method: str, degrees: float, mm: float | None = None) -> list[Row]:

@@ -43,7 +43,7 @@ STRIP = "strip"  # what it is called
 COMPARED = ("coarse", "refined")  # the second picture is where these differ most
 FACING = 0.8  # the cosine of the angle to the view within which a spot has to lie
 REGION = "forehead"
-CREASED_DEG = 1.0  # the mean change of a fold from which one sees creases; ICT's scans have 1.9, Rigify's smooth face 0.7
+CREASED_DEG = 1.0  # the mean change of a fold from which one sees creases; ICT's face has 1.9, Rigify's smooth one 0.7
 
 
 def figure09(
