@@ -33,7 +33,9 @@ def test_the_pages_answer_is_what_the_committed_pictures_show():
         for place in (0, 1):
             for row in rows:
                 ours, refined, dense = (errors[name, row][place] for name in ("Regional (ours)", "Refined", "Dense"))
-                assert ours < refined < dense, (character, row)
+                is_exception = (character, row, place) == ("woman", 3, 1)
+                assert ours < min(refined, dense) and (refined < dense) != is_exception, (character, row)
+    assert "in every row, but for the normals of the woman's third" in page
     near, far = (choose(mm for mm, _ in cnn["toon"]) for choose in (min, max))
     few, many = (choose(degrees for _, degrees in cnn["toon"]) for choose in (min, max))
     assert f"off by {near:.1f} to {far:.1f} mm and by {few:.0f} to {many:.0f}°, more than on teen and woman" in page
