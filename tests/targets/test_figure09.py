@@ -9,6 +9,7 @@ from bumpy_plate import bumpy_plate, pictures_of, texts_of
 from replicate.approximation.metrics import normal_error
 from replicate.report.pose_record import PoseRecord
 from replicate.targets.figure09.forehead_wrinkles import CREASED_DEG, figure09, fold_change_deg, refined_spot
+from replicate.targets.pose_numbers import rows_of
 
 
 @pytest.fixture
@@ -59,3 +60,16 @@ def test_a_second_picture_shows_where_refinement_changes_most(record):
         assert spot.mean_deg(both, name) == pytest.approx(mean) and f"strip: {mean:.2f}°" in texts_of(figure)
         assert f"° and {mean:.2f}°" in words.alt
     assert spot.mean_deg(both, "refined") < 0.5 * spot.mean_deg(both, "coarse")
+
+
+def test_the_line_is_shown_unless_a_peer_takes_its_place_and_then_the_caption_has_its_number(record):
+    line = record.vertices["coarse"]
+    alone = replace(record, vertices=record.vertices | {"linear": line})
+    beside = replace(alone, vertices=alone.vertices | {"morph": record.vertices["dense"]})
+    error = normal_error(line, record.vertices["truth"], record.faces)[record.region == 0].mean()
+    sentence = f"The straight line, which isn't shown, has {error:.2f}°."
+    (shown, words), (hidden, other) = (figure09(each, across=40) for each in (alone, beside))
+    assert "Linear" in texts_of(shown) and sentence not in words.caption
+    assert not any("Linear" in text for text in texts_of(hidden)) and sentence in other.caption
+    rows = rows_of("figure09", {"folded": beside}, 30.0, "quick", "r")
+    assert [row.value for row in rows if row.method == "linear"] == [pytest.approx(error, rel=1e-4)]
