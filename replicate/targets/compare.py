@@ -67,7 +67,7 @@ def compare(
         old, new = (find(rows, table, character, method, metric) for rows in (reference, yours))
         seen.append((old, new))
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
-        cells = (our_value(row) for row in (old, new))
+        cells = map(our_value, (old, new))
         name = f"{TABLE1_NAMES.get(method) or label_of(method, marked=True)}, {named}" if table == "table1" else ""
         body.append((f"  {name or label_of(method, marked=True)}", paper_value(published), *cells, ratio))
     title = f"{table}: the paper's rig | the reference results | yours"

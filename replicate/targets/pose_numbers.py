@@ -92,8 +92,8 @@ def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
         region = REGION if REGION in record.region_names else WHOLE
         yield TRUTH, f"fold_change_mean{rule}{_of(region)}", "deg", fold_change_deg(record)
         spot = refined_spot(record)
-        shown = shown_in(record, FIGURE09)
-        for method in shown + [LINE] * (LINE in record.vertices and LINE not in shown):
+        measured = dict.fromkeys([*shown_in(record, FIGURE09), LINE])  # the line has a number where it isn't shown, too
+        for method in (name for name in measured if name in record.vertices):
             yield method, f"normal_error_mean{rule}{_of(region)}", "deg", normal_means_deg(record, method)[region]
             if spot:
                 yield method, f"strip_error_mean{rule}", "deg", spot.mean_deg(record, method)

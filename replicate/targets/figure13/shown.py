@@ -260,7 +260,7 @@ def meshes_table(rows: Sequence[Row], character: str) -> Table:
         body.append((words, *[""] * len(MESHES)))
         for way in (way for way in LABELS if way in present):
             found = [find(rows, "figure13", character, way, f"{kind}_error_mean[{mesh}]") for mesh in MESHES]
-            body.append((LABELS[way], *(our_value(row) for row in found)))
+            body.append((LABELS[way], *map(our_value, found)))
     return Table(
         f"Meshes of other topologies: {character}", (("", *MESHES.values()),), tuple(body), (*NOTES, _about(rows))
     )

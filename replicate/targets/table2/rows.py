@@ -366,7 +366,7 @@ def work_table(ours: Iterable[Row], character: str) -> Table | None:
     for method in in_order({row.method for row in rows}):
         size, work, training = (find(rows, "table2", character, method, metric) for metric in METRICS)
         millions = round_off(work.value / 1e6, "ratio") if work else "–"
-        cells = (our_value(row) for row in (size, training))
+        cells = map(our_value, (size, training))
         body.append((method_named(method).label, next(cells), millions, next(cells)))
     header = ("", "MB", "million multiplications a pose", "training, s")
     return Table(f"Size, work and training: {character}", (header,), tuple(body), NOTES)

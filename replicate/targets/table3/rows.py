@@ -20,7 +20,7 @@ from replicate.engine.store import read_manifest
 from replicate.methods import artefacts
 from replicate.methods.measurement import MeasurementSettings, predictor
 from replicate.report.results import Row, find, run_name, write_results
-from replicate.report.tables import round_off
+from replicate.report.tables import our_value
 from replicate.timing.single_poses import (
     BACKENDS,
     EXACT,
@@ -282,4 +282,4 @@ def cell(rows: Sequence[Row], row: Row | None, where: str) -> str:
     if row is None:
         return "–"
     mark = "~" if is_disturbed(rows, row.character, row.method, where) else ""
-    return mark + round_off(row.value, "ms", row.sd)
+    return mark + our_value(row)

@@ -75,7 +75,7 @@ def feeding_table(rows: Sequence[Row], character: str) -> Table:
             for method in methods:
                 metric = f"{kind}_error_mean{ending}"
                 found = [find(rows, "table4", character, method, f"{metric}[{source}]") for source in sources]
-                cells = (our_value(row) for row in found)
+                cells = map(our_value, found)
                 body.append((method_named(method).label, *cells))
     header = ("in poses of networks that are trained through", *map(source_label, sources))
     note = "A line is an approximation, a column the poses that it is measured in; both are compared with the rig."
@@ -93,7 +93,7 @@ def fresh_table(rows: Sequence[Row], character: str) -> Table:
         body.append((words, *[""] * len(ways)))
         for method in methods:
             found = [find(rows, "table4", character, method, f"{kind}_error_mean{FRESH_ENDING}[{way}]") for way in ways]
-            cells = (our_value(row) for row in found)
+            cells = map(our_value, found)
             body.append((method_named(method).label, *cells))
         body.append((_ratio_words(), *(_ratio_cell(rows, character, kind, way) for way in ways)))
     header = (
@@ -131,8 +131,8 @@ def networks_table(rows: Sequence[Row], character: str) -> Table:
     """Return how well one character's IK networks work, with a line for each source that they are trained through."""
     body = []
     for source in _sources(rows):
-        found = [(find(rows, "table4", character, source, metric), unit) for metric, unit, _ in COLUMNS]
-        body.append((source_label(source), *(our_value(row) for row, unit in found)))
+        found = (find(rows, "table4", character, source, metric) for metric, *_ in COLUMNS)
+        body.append((source_label(source), *map(our_value, found)))
     notes = (
         "points: how far the rig's control points are from where they shall go; most targets are beyond its reach.",
         "by a solver: the same where Eq. 8 is minimised anew for each configuration (L-BFGS, within the limits).",
