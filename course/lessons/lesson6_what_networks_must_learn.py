@@ -13,7 +13,7 @@
 from replicate.base.paths import REFERENCE
 from replicate.report.notebooks import show, show_picture
 
-show_picture(REFERENCE / "figure10_teen_median.png")
+show_picture(REFERENCE / "figure10_teen_median")
 
 # %% [markdown]
 # **Look.** Where on the face is the line wrong? Where are the dense networks wrong? Are those the same places?

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
 SMALL_BYTES, PAGE, QUALITY = 120_000, 1000, 90  # a page shows a larger PNG as JPEG, at most so wide, of this quality
+WEBP, WEBP_QUALITY = ".webp", 95  # the ending of committed pictures, and their quality where they lose anything
 
 
 @dataclass(frozen=True)
@@ -98,10 +99,26 @@ def png(figure: "matplotlib.figure.Figure", words: Words) -> bytes:
     return out.getvalue()
 
 
-def for_page(data: bytes) -> bytes:
-    """Return a PNG for a page of many: as JPEG no wider than the page, or as it is if it is small, as charts are."""
+def webp(data: bytes) -> bytes:
+    """Return a PNG as WebP: without any loss where that is smaller, as it is for charts, else so that none is seen."""
     from PIL import Image
 
+    picture, forms = Image.open(io.BytesIO(data)).convert("RGB"), []
+    for settings in ({"lossless": True}, {"quality": WEBP_QUALITY}):
+        out = io.BytesIO()
+        picture.save(out, format="WEBP", **settings)
+        forms.append(out.getvalue())
+    return min(forms, key=len)
+
+
+def for_page(data: bytes) -> bytes:
+    """Return a PNG or WebP for a page of many: as JPEG no wider than the page, or, as charts are, as PNG if small."""
+    from PIL import Image
+
+    if data.startswith(b"RIFF"):  # as WebP does
+        out = io.BytesIO()
+        Image.open(io.BytesIO(data)).save(out, format="PNG", optimize=True)
+        data = out.getvalue()
     if len(data) <= SMALL_BYTES:
         return data
     out = io.BytesIO()
@@ -125,8 +142,9 @@ def _spell_names(figure: "matplotlib.figure.Figure") -> None:
 
 
 def save_figure(figure: "matplotlib.figure.Figure", path: Path, words: Words) -> None:
-    """Write a figure to `path` as PNG, and its alt text and caption to a .json file beside it."""
-    path.write_bytes(png(figure, words))
+    """Write a figure to `path`, as WebP or PNG by its ending, and its alt text and caption to a JSON file beside it."""
+    data = png(figure, words)
+    path.write_bytes(webp(data) if path.suffix == WEBP else data)
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
 

@@ -22,7 +22,7 @@ from replicate.base.command_line import guard
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.files import short_temporary_folder, write_text
 from replicate.base.paths import PAPER, REFERENCE, ROOT, committed_folders, display_path, run_folder
-from replicate.drawing.panels import Words, for_page, png
+from replicate.drawing.panels import WEBP, Words, for_page, png
 from replicate.engine.provenance import LABELS, as_lines
 from replicate.report.manifest import DRAWN, POSES, command_of, section, targets
 from replicate.report.manifest import NAME as MANIFEST
@@ -77,7 +77,7 @@ def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[
         return {}
     pictures = {}
     for character, facts in section(folder, target).get("characters", {}).items():
-        pictures[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
+        pictures[character] = [folder / file for file in facts.get("files", ()) if file.endswith((".png", WEBP))]
         missing = [file for file in pictures[character] if not file.is_file()]
         if missing:
             raise InputError(f"{missing[0]}: there is no such picture; `make {command_of(target)}` draws it.")
@@ -155,8 +155,11 @@ def show_folded(summary: str, lines: Iterable[str]) -> None:
 def show_picture(file: Path, width: int | None = None) -> None:
     """Show a saved figure in a notebook with its alt text and caption, which are in a JSON file beside it.
 
+    file: may lack its ending: a run's pictures are PNG, the committed ones WebP
     width: of the picture on the page, px; by default as wide as it is, or as the page.
     """
+    if not file.suffix:
+        file = next((there for ending in (".png", WEBP) if (there := file.with_suffix(ending)).is_file()), file)
     _show(file.read_bytes(), Words(**json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))), width)
 
 

@@ -65,6 +65,19 @@ def test_a_page_shows_a_large_picture_as_a_jpeg_that_looks_the_same_and_a_chart_
     assert for_page(chart) is chart
 
 
+def test_a_committed_picture_of_a_face_looks_as_before_in_a_third_of_the_bytes(tmp_path):
+    generator = np.random.default_rng(0)
+    skin = gaussian_filter(generator.uniform(0, 255, (600, 800, 3)), (9, 9, 0)) * 6 - 640
+    skin = np.uint8((skin + gaussian_filter(generator.normal(size=skin.shape), (1, 1, 0)) * 9).clip(0, 255))
+    figure = panel_grid([[skin]], ["skin"])
+    for ending in ("png", "webp"):
+        save_figure(figure, tmp_path / f"skin.{ending}", Words("skin", "skin"))
+    drawn, committed = (Image.open(tmp_path / f"skin.{ending}") for ending in ("png", "webp"))
+    apart = np.abs(np.asarray(drawn, float) - np.asarray(committed, float))
+    assert committed.format == "WEBP" and apart.mean() < 2 and np.percentile(apart, 99) < 8
+    assert (tmp_path / "skin.webp").stat().st_size < (tmp_path / "skin.png").stat().st_size / 3
+
+
 def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
     for name in ("a.png", "b.png"):
         figure, words = figure10(record, across=60)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from bumpy_plate import bumpy_plate
+from PIL import Image
 from toy_texts import TABLES, texts_to_fill
 
 from replicate.base import paths
@@ -40,7 +41,7 @@ def folders(tmp_path, monkeypatch):
     run.mkdir(parents=True)
     bench.mkdir()
     write_results(run / "table2.csv", [row("teen")])
-    (run / "figure10_teen.png").write_bytes(b"png")
+    Image.new("RGB", (30, 20), "teal").save(run / "figure10_teen.png")
     (run / "table2.ipynb").write_text("{}")
     manifest.write_entries(run, "table2", {"teen": CLEAN})
     write_results(bench / "bench_floors.csv", [row("teen", "bench_floors", 1.0)])
@@ -54,7 +55,9 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     write_results(reference_folder / "bench_floors.csv", [row(who, "bench_floors", 2.0) for who in ("teen", "woman")])
     reference.publish_reference("laptop")
     assert (reference_folder / "table2.csv").read_bytes() == (run / "table2.csv").read_bytes()
-    assert (reference_folder / "figure10_teen.png").is_file() and not (reference_folder / "table2.ipynb").exists()
+    with Image.open(reference_folder / "figure10_teen.webp") as picture:
+        assert picture.format == "WEBP" and picture.size == (30, 20)
+    assert not any((reference_folder / name).exists() for name in ("figure10_teen.png", "table2.ipynb"))
     values = {row.character: row.value for row in read_results(reference_folder / "bench_floors.csv")}
     assert values == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
     assert manifest.targets(reference_folder) == ["table2", "bench_floors"]
@@ -105,7 +108,7 @@ def test_benchmarks_alone_are_put_beside_committed_results(folders):
     write_results(reference_folder / "table2.csv", [row("teen", value=0.7)])
     reference.publish_reference("laptop")
     assert read_results(reference_folder / "table2.csv")[0].value == 0.7, "no manifest tells of the profile's"
-    assert not (reference_folder / "figure10_teen.png").exists()
+    assert not (reference_folder / "figure10_teen.webp").exists()
     assert read_results(reference_folder / "bench_floors.csv")[0].value == 1.0
     assert manifest.targets(reference_folder) == ["bench_floors"]
 
@@ -140,11 +143,12 @@ def test_numbers_of_figures_go_with_the_poses_of_table_2(folders):
 
 def test_meshes_of_a_face_from_elsewhere_and_of_variants_stay_out(folders):
     run, _, reference_folder, _ = folders
-    for name in ("table2_ict_pose.npz", "table2_toon_pose.npz", "table2_teen@fine_pose.npz", "figure10_ict.png"):
-        (run / name).write_bytes(b"meshes or a picture")
+    for name in ("table2_ict_pose.npz", "table2_toon_pose.npz", "table2_teen@fine_pose.npz"):
+        (run / name).write_bytes(b"meshes")
+    (run / "figure10_teen.png").rename(run / "figure10_ict.png")
     reference.publish_reference("laptop")
     there = {file.name for file in reference_folder.iterdir()}
-    assert {"table2_toon_pose.npz", "figure10_ict.png"} <= there and not {
+    assert {"table2_toon_pose.npz", "figure10_ict.webp"} <= there and not {
         "table2_ict_pose.npz",
         "table2_teen@fine_pose.npz",
     } & there

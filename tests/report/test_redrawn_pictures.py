@@ -32,8 +32,8 @@ def reference(tmp_path, monkeypatch):
     posed = flat + np.float32([0, 0, 3]) * np.sin(flat[:, 1:2] / 9)
     save_pose(pose_file(tmp_path, "teen"), PoseRecord("teen", 5, flat, faces, {"truth": posed, "dense": flat}))
     manifest.write_entries(tmp_path, "table2", {"teen": ENTRY})
-    manifest.write_entries(tmp_path, "figure10", {"teen": {**ENTRY, "files": ["figure10_teen.png"]}})
-    (tmp_path / "figure10_teen_forehead.png").write_bytes(b"old")
+    manifest.write_entries(tmp_path, "figure10", {"teen": {**ENTRY, "files": ["figure10_teen.webp"]}})
+    (tmp_path / "figure10_teen_forehead.webp").write_bytes(b"old")
     return tmp_path
 
 
@@ -59,7 +59,7 @@ def test_what_no_commit_would_tell_of_is_not_drawn(reference, monkeypatch):
 
 
 def test_numbers_are_those_of_the_poses_and_their_entry_names_the_run_of_these(reference):
-    (reference / "figure10_teen.png").write_bytes(b"a picture")
+    (reference / "figure10_teen.webp").write_bytes(b"a picture")
     others = [replace(row, table="figure10", character="ict") for row in table2_rows(("toon",))[:1]]
     write_results(reference / "figure10.csv", others)
     (file,) = pictures.put_numbers(["teen", "toon"])
@@ -71,4 +71,4 @@ def test_numbers_are_those_of_the_poses_and_their_entry_names_the_run_of_these(r
     )
     facts = manifest.entries(reference, "figure10")["teen"]
     assert facts["from"] == "table2_teen_pose*.npz" and facts["seeds"] == [0], "of the first seed"
-    assert facts["files"] == ["figure10_teen.png", "figure10_teen_forehead.png"] and "git" not in facts
+    assert facts["files"] == ["figure10_teen.webp", "figure10_teen_forehead.webp"] and "git" not in facts

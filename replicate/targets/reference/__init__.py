@@ -8,7 +8,7 @@ from pathlib import Path
 from data_recipes.recipe_paths import OUTSIDE
 from replicate.base import paths
 from replicate.base.exceptions import InputError
-from replicate.base.files import copy_file, write_text
+from replicate.base.files import copy_file, write_bytes, write_text
 from replicate.benchmarks.bench_deploy import forms_card
 from replicate.benchmarks.bench_poses import health_card
 from replicate.benchmarks.bench_rig import speed_card
@@ -17,6 +17,7 @@ from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.benchmarks.common import merge
 from replicate.cli.target_list import target_table
 from replicate.config import check_profile
+from replicate.drawing.panels import WEBP, webp
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report import manifest, notebooks
 from replicate.report.pose_record import PEERS
@@ -126,7 +127,8 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     files += put_numbers(manifest.entries(run, TABLE2))
     write_claims(paths.REFERENCE, gather([paths.REFERENCE]))
     files.append(paths.REFERENCE / CLAIMS)
-    files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
+    drawn = [(rigs / name).with_suffix(".png") for name in shown_pictures()]
+    files += [_put(file) for file in drawn if file.is_file()]
     return files + _texts(manifest.targets(paths.REFERENCE))
 
 
@@ -186,7 +188,7 @@ def _target_of(file: Path, targets: Sequence[str]) -> str:
 def shown_pictures() -> list[str]:
     """Return the names of the committed pictures that texts show."""
     texts = [file.read_text("utf-8") for file in (README, RESULTS, DATA_CARD)]
-    return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text)})
+    return sorted({name for text in texts for name in re.findall(rf"reference/(\w+{re.escape(WEBP)})", text)})
 
 
 def rewrite_target_table() -> None:
@@ -272,10 +274,11 @@ def _is_result(file: Path) -> bool:
 
 
 def _with_results_alone(facts: dict) -> dict:
-    """Return a manifest's entry without the files that are not committed, such as the posing page."""
-    return facts | (
-        {"files": [name for name in facts["files"] if Path(name).suffix in KINDS]} if "files" in facts else {}
-    )
+    """Return a manifest's entry with the committed files: without others, such as the posing page, pictures as WebP."""
+    if "files" not in facts:
+        return facts
+    files = [Path(name) for name in facts["files"] if Path(name).suffix in KINDS]
+    return facts | {"files": [file.with_suffix(WEBP).name if file.suffix == ".png" else file.name for file in files]}
 
 
 def _is_of(file: Path, characters: Collection[str]) -> bool:
@@ -289,7 +292,7 @@ def _is_mesh_left_out(file: Path) -> bool:
 
 
 def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) -> Path:
-    """Put a new result among the committed ones; rows and curves of characters that it lacks stay.
+    """Put a new result among the committed ones, a picture as WebP; rows and curves of characters that it lacks stay.
 
     stay: characters whose committed rows and curves stay, too. joining: characters whose other rows stay beside the new
     ones.
@@ -309,7 +312,11 @@ def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) 
             others = {key: curve for key, curve in read_curves(into).items() if key[0] not in characters}
             write_curves(into, others | curves)
             return into
-    copy_file(file, into)
+    if file.suffix == ".png":
+        into = into.with_suffix(WEBP)
+        write_bytes(into, webp(file.read_bytes()))
+    else:
+        copy_file(file, into)
     return into
 
 

@@ -21,7 +21,7 @@ from replicate.benchmarks.bench_decoder import decoder_chart
 from replicate.benchmarks.bench_ladder import ladder_figure
 from replicate.benchmarks.bench_roofline import roofline_figure
 from replicate.benchmarks.common import merge
-from replicate.drawing.panels import save_figure
+from replicate.drawing.panels import WEBP, save_figure
 from replicate.engine.provenance import git_state
 from replicate.report import manifest
 from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, best_peer, load_pose, pose_file, save_pose
@@ -73,7 +73,7 @@ def put_numbers(characters: Collection[str]) -> list[Path]:
         entries, rows = manifest.entries(folder, figure), []
         for name in characters:
             poses = {choice: file for choice in CHOICES if (file := pose_file(folder, name, choice)).is_file()}
-            if name not in runs or not poses or not (folder / f"{figure}_{name}.png").is_file():
+            if name not in runs or not poses or not (folder / f"{figure}_{name}{WEBP}").is_file():
                 continue
             facts, records = runs[name], {choice: load_pose(file) for choice, file in poses.items()}
             rows += rows_of(figure, records, LIMIT_DEG, facts["profile"], facts["run"])
@@ -91,7 +91,7 @@ def _entry_of_poses(figure: str, character: str, facts: dict, earlier: dict) -> 
     facts: Table 2's entry. earlier: the figure's entry so far, of which the time of the figure's stage is kept.
     """
     pictures = paths.REFERENCE.glob(f"{figure}_{character}*")
-    pattern = re.compile(rf"{re.escape(f'{figure}_{character}')}(_\w+)?\.(png|json)")
+    pattern = re.compile(rf"{re.escape(f'{figure}_{character}')}(_\w+)?({re.escape(WEBP)}|\.json)")
     last = f"{figure}-{character}"
     return {
         **{key: facts[key] for key in ("profile", "split", "run", manifest.DRAWN) if key in facts},
@@ -113,12 +113,12 @@ def _of_table2(characters: Collection[str]) -> list[Path]:
         figures = list(table2_figures(results, character, LIMIT_DEG))
         record = results.poses[character][FOLDED]
         close = picture_name(record, "forehead")
-        if (paths.REFERENCE / f"{close}.png").is_file():
+        if (paths.REFERENCE / f"{close}{WEBP}").is_file():
             figures.append((close, *figure10(record, LIMIT_DEG, "forehead")))
-        if (paths.REFERENCE / f"figure01_{character}.png").is_file():
+        if (paths.REFERENCE / f"figure01_{character}{WEBP}").is_file():
             figures.append((f"figure01_{character}", *figure01(record)))
         for name, figure, words in figures:
-            files.append(paths.REFERENCE / f"{name}.png")
+            files.append(paths.REFERENCE / f"{name}{WEBP}")
             save_figure(figure, files[-1], words)
     return files
 
@@ -130,7 +130,7 @@ def _charts(characters: Collection[str]) -> list[Path]:
         for head in dict.fromkeys(_head_of(row.character) for row in rows):
             if head in characters:
                 figure, words = chart(rows, head)
-                files.append(paths.REFERENCE / f"{target}_{head}.png")
+                files.append(paths.REFERENCE / f"{target}_{head}{WEBP}")
                 save_figure(figure, files[-1], words)
     return files
 

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING
 
 from replicate.base.exceptions import InputError
 from replicate.base.paths import PAPER
-from replicate.drawing.panels import DPI, LETTER_PT, MEASURES, WIDTH, Words, enlarge, error_scale, save_figure, tidy
+from replicate.drawing.panels import (
+    DPI,
+    LETTER_PT,
+    MEASURES,
+    WEBP,
+    WIDTH,
+    Words,
+    enlarge,
+    error_scale,
+    save_figure,
+    tidy,
+)
 from replicate.methods.method_registry import in_order, method_named, methods
 from replicate.report.notebooks import folder_of
 from replicate.report.pose_record import CHOICES, FOLDED, PoseRecord, load_pose, pose_file
@@ -74,7 +85,7 @@ def table2_figure_names(results: Table2Results, character: str) -> tuple[str, ..
 
 
 def redraw_charts(folder: Path, characters: Collection[str]) -> list[Path]:
-    """Draw the charts of some characters anew from a folder's results, after seeds were added; return their files."""
+    """Draw the charts of some characters anew from committed results, after seeds were added; return their files."""
     if not characters:
         return []
     rows, paper, curves = read_results(folder / ROWS), read_results(PAPER / ROWS), read_curves(folder / CURVES)
@@ -84,7 +95,7 @@ def redraw_charts(folder: Path, characters: Collection[str]) -> list[Path]:
             ("chart", table2_chart(rows, paper, name)),
             ("curves", training_curves(curves, rows, name)),
         ):
-            files.append(folder / f"table2_{name}_{kind}.png")
+            files.append(folder / f"table2_{name}_{kind}{WEBP}")
             save_figure(chart[0], files[-1], chart[1])
     return files
 
