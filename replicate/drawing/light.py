@@ -24,6 +24,7 @@ KNEE = 0.72  # up to here brightness is shown as it is; above, it nears white
 STRAIGHT = 0.028  # share of light from straight ahead that skin mirrors
 BRIGHTEST = 3.0  # a glint is no brighter
 SMOOTHINGS = (1, 4)  # steps after which a surface is compared with itself, to find narrow hollows and wider ones
+EDGE_MM = 3.5  # the edges of a mesh on which a hollow is as dark as it is deep
 CREASED = (0.45, 1.35)  # what the light of hollows and ridges is multiplied with, at most
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 CHUNK = 1 << 16  # pixels at a time
@@ -358,7 +359,11 @@ def spread(
 
 
 def depth_mm(scene: Scene) -> Float[np.ndarray, " n"]:
-    """Return how far each vertex lies below the smoothed surface, mm; above, it is negative."""
+    """Return how far each vertex lies below the smoothed surface, mm; above, it is negative.
+
+    It is what it would be with edges of `EDGE_MM`: smoothing moves a vertex by its curvature times the square of its
+    edges' length, so that all of a coarse mesh would lie in hollows.
+    """
     beside = _neighbours(scene)
     weight = np.asarray(beside.sum(1)).clip(1)
     depth, smooth = np.zeros(len(scene.vertices)), scene.vertices
@@ -366,7 +371,11 @@ def depth_mm(scene: Scene) -> Float[np.ndarray, " n"]:
         smooth = beside @ smooth / weight
         if step in SMOOTHINGS:
             depth += ((smooth - scene.vertices) * scene.normals).sum(1)
-    return depth
+    pairs = scene.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    lengths = np.repeat(np.linalg.norm(scene.vertices[pairs[:, 0]] - scene.vertices[pairs[:, 1]], axis=1), 2)
+    count = len(scene.vertices)
+    edge_mm = np.bincount(pairs.ravel(), lengths, count) / np.bincount(pairs.ravel(), minlength=count).clip(1)
+    return depth * (EDGE_MM / edge_mm.clip(1.0)) ** 2
 
 
 def _shade(

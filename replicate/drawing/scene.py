@@ -66,6 +66,7 @@ class Camera:
 # For a head of the teen's size, eyes at y = 0; `camera_for` scales them to other heads by the width from ear to ear.
 HEAD_WIDTH_MM = 188.0
 HEAD_FROM_MM = -60.0  # the width is measured above this height: a bust's shoulders don't count
+CHIN = -0.62  # a head's lower end, below it are neck and shoulders: in widths of the head, from the eyes
 CAMERAS = {
     "front": Camera((0, -11, 40), 264),
     "three_quarter": Camera((0, -11, 30), 264, 35, 6),
@@ -79,10 +80,20 @@ CAMERAS = {
 
 def camera_for(name: str, neutral: Float[np.ndarray, "n 3"]) -> Camera:
     """Return a named camera, scaled to the width of a head in its neutral pose."""
-    head = neutral[neutral[:, 1] > HEAD_FROM_MM]
-    camera, scale = CAMERAS[name], float(np.ptp((head if len(head) else neutral)[:, 0])) / HEAD_WIDTH_MM
+    camera, scale = CAMERAS[name], _width_mm(neutral) / HEAD_WIDTH_MM
     focus = tuple(scale * x for x in camera.focus)
     return Camera(focus, scale * camera.height_mm, camera.azimuth_deg, camera.elevation_deg, scale * camera.distance_mm)
+
+
+def above_neck(neutral: Float[np.ndarray, "n 3"]) -> np.ndarray:
+    """Return (n,) bool: which vertices are of the head; all of them where a mesh has none above `CHIN`."""
+    is_head = neutral[:, 1] > CHIN * _width_mm(neutral)
+    return is_head if is_head.any() else ~is_head
+
+
+def _width_mm(neutral: Float[np.ndarray, "n 3"]) -> float:
+    head = neutral[neutral[:, 1] > HEAD_FROM_MM]
+    return float(np.ptp((head if len(head) else neutral)[:, 0]))
 
 
 def following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.ndarray, "k 3"]) -> Camera:

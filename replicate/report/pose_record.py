@@ -6,7 +6,7 @@ Figures and notebooks read these files, so they need neither a cache nor a train
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -16,7 +16,7 @@ from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.base.exceptions import InputError
 from replicate.base.files import replacing
 from replicate.drawing.prop_surfaces import carry_props, colour_in_bytes, prop_surfaces
-from replicate.drawing.scene import CLAY, Camera, Surface, camera_for, forehead_camera, frame_surfaces
+from replicate.drawing.scene import CLAY, Camera, Surface, above_neck, camera_for, forehead_camera, frame_surfaces
 from replicate.geometry.face_regions import NO_REGION
 from replicate.methods import typical_poses
 from replicate.methods.method_registry import in_order, method_named
@@ -119,6 +119,7 @@ def load_pose(path: Path) -> PoseRecord:
 # A method's errors in one pose: over the whole mesh, and in each region of the face.
 
 WHOLE = "whole mesh"  # the name of the mean over the whole mesh beside those of regions
+FOREHEAD = "forehead"
 
 
 def normal_means_deg(record: PoseRecord, method: str) -> dict[str, float]:
@@ -132,6 +133,11 @@ def normal_means_deg(record: PoseRecord, method: str) -> dict[str, float]:
         inside = errors[record.region == k]
         means[name] = float(np.nanmean(inside)) if np.isfinite(inside).any() else float("nan")
     return means
+
+
+def close_up_region(record: PoseRecord) -> str:
+    """Return whose mean error a close-up of the forehead shows: the whole mesh's where no region is the forehead."""
+    return FOREHEAD if FOREHEAD in record.region_names else WHOLE
 
 
 def vertex_mean_mm(record: PoseRecord, method: str) -> float:
@@ -201,13 +207,17 @@ def _on_clay(prop: tuple) -> tuple:
 def view_of(record: PoseRecord, camera: str, aspect: float) -> Camera:
     """Return a named camera for the panels of a pose. aspect: a panel's width over its height.
 
-    From the front the whole head fills the panel, wherever the pose has moved it; the forehead's camera follows the
-    forehead. Other views are fixed.
+    From the front the head without its neck fills the panel, wherever the pose has moved it; the forehead's camera
+    follows the forehead. Other views are fixed.
     """
     if camera == "forehead":
         return forehead_camera(record.neutral, record.faces, record.vertices[TRUTH])
     view = camera_for(camera, record.neutral)
-    return frame_surfaces(view, clay_surfaces(record, TRUTH), aspect) if camera == "front" else view
+    if camera != "front":
+        return view
+    mesh, *props = clay_surfaces(record, TRUTH)
+    head = replace(mesh, vertices=mesh.vertices[above_neck(record.neutral)])
+    return frame_surfaces(view, [head, *props], aspect)
 
 
 def with_layout(character: str, segment_names: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from replicate.report.pose_record import (
     WHOLE,
     PoseRecord,
     clay_surfaces,
+    close_up_region,
     is_before_forehead,
     marks_in_words,
     normal_means_deg,
@@ -63,7 +64,7 @@ def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib
     """
     shown = shown_in(record, COLUMNS)
     width = across or cell_width(max(len(shown), len(COLUMNS)))
-    cells, phrases = [], []
+    cells, phrases, region = [], [], close_up_region(record)
     for method in shown:
         pictures = tuple(
             render(
@@ -76,11 +77,14 @@ def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib
         )
         lines = ()
         if method != TRUTH:
-            lines = (f"{vertex_mean_mm(record, method):.2f} mm, {normal_means_deg(record, method)[WHOLE]:.2f}°",)
-            phrases.append(f"{plain_name(method)} {lines[0]}")
+            means = normal_means_deg(record, method)
+            lines = (f"{vertex_mean_mm(record, method):.2f} mm, {means[WHOLE]:.2f}°",)
+            lines += (f"{region}: {means[region]:.2f}°",) if region != WHOLE else ()
+            phrases.append(f"{plain_name(method)} {', '.join(lines)}")
         cells.append(Cell(panel_title(method), pictures, lines))
     errors = "; ".join(phrases)
     names = ", ".join(plain_name(method) for method in shown)
+    close = f"; then the latter over the {region}" if region != WHOLE else ""
     bare = ", without what hides it," if any(is_before_forehead(prop[0]) for prop in record.props) else ""
     shows = (
         "shows which creases of the forehead a method keeps"
@@ -92,6 +96,6 @@ def figure01(record: PoseRecord, across: int | None = None) -> "tuple[matplotlib
         f"Mean errors: {errors}.",
         f"The rig and its approximations side by side (after Fig. 1), in {pose_in_words(record)}. The heads look much "
         f"alike; the close-up below{bare} {shows}. Below: mean "
-        f"distance of all vertices, and mean angle between normals (Eq. 11).{peer_in_words(record)} "
+        f"distance of all vertices, and mean angle between normals (Eq. 11){close}.{peer_in_words(record)} "
         f"{marks_in_words(shown)}".strip(),
     )

@@ -25,6 +25,7 @@ from replicate.report.pose_record import (
     PoseRecord,
     best_peer,
     clay_surfaces,
+    close_up_region,
     line_in_words,
     marks_in_words,
     normal_means_deg,
@@ -79,6 +80,7 @@ def figure10(
     across: the width of one face's picture, pixels; None for what fills the sheet
     """
     methods, hair = shown_methods(record), camera != "forehead"
+    region = WHOLE if hair else close_up_region(record)
     width = across or cell_width(FACES)
     height = round(TALL * width)
     view = view_of(record, camera, width / height)
@@ -91,9 +93,9 @@ def figure10(
         heat = draw([normal_heat(vertices, truth, record.faces, limit_deg)])
         line = middle_line(record.neutral, vertices, record.faces, view, width, height)
         means[method] = normal_means_deg(record, method)
-        cells.append(Cell(panel_title(method), (split_face(surface, heat, line),), (f"{means[method][WHOLE]:.2f}°",)))
+        cells.append(Cell(panel_title(method), (split_face(surface, heat, line),), (f"{means[method][region]:.2f}°",)))
     bar = partial(normal_bar, limit_deg=limit_deg, orientation="horizontal")
-    return face_sheet(cells, len(cells), bar=bar, first_bold=True), _words(record, camera, means, limit_deg)
+    return face_sheet(cells, len(cells), bar=bar, first_bold=True), _words(record, camera, region, means, limit_deg)
 
 
 def shown_methods(record: PoseRecord) -> list[str]:
@@ -116,28 +118,28 @@ def picture_name(record: PoseRecord, camera: str = "front") -> str:
     return "_".join(["figure10", record.character, *rules, *views])
 
 
-def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], limit_deg: float) -> Words:
-    wholes = ", ".join(f"{plain_name(method)} {by_region[WHOLE]:.2f}°" for method, by_region in means.items())
+def _words(record: PoseRecord, camera: str, region: str, means: dict[str, dict[str, float]], limit_deg: float) -> Words:
+    numbers = ", ".join(f"{plain_name(method)} {by_region[region]:.2f}°" for method, by_region in means.items())
     views = "foreheads, close up" if camera == "forehead" else "heads from the front"
     pose = pose_in_words(record)
     alt = (
         f"{len(means) + 1} {views}, the ground truth first, then one for each method; the left half of each method's "
         f"face is its surface in clay, the right half is coloured by normal error from 0 to {limit_deg:g} degrees. "
-        f"Mean errors: {wholes}."
+        f"Mean errors of the {region}: {numbers}."
     )
-    best = min(means, key=lambda method: means[method][WHOLE]) if means else None
+    best = min(means, key=lambda method: means[method][region]) if means else None
     hardest = _hardest_region(means)
     in_view = camera == "front" or hardest == camera  # a close-up's caption names only what it shows
     seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
-    seen += line_in_words(record, [*means])
+    seen += line_in_words(record, [*means], region)
     seen += f" Most are farthest off at the {hardest}." if hardest and in_view else ""
     shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
     shown = shown[0].upper() + shown[1:]
     caption = (
         f"{shown} (after Fig. 10). Left half of each face: the predicted surface. Right half: the "
         f"angle between each mesh face's predicted and true normal (Eq. 11), 0° to {limit_deg:g}°, the same colours in "
-        f"all panels, which go with the angle's root. Below: its mean over the {WHOLE}; "
-        f"figure10.csv has those of each region, and of the methods that aren't shown.{seen}{peer_in_words(record)} "
+        f"all panels, which go with the angle's root. Below: its mean over the {region}; "
+        f"figure10.csv has those of all regions, and of the methods that aren't shown.{seen}{peer_in_words(record)} "
         f"{marks_in_words(means)}"
     )
     return Words(alt, caption.strip())

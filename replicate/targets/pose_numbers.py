@@ -21,6 +21,7 @@ from replicate.report.pose_record import (
     WHOLE,
     PoseRecord,
     best_peer,
+    close_up_region,
     marks_in_words,
     normal_means_deg,
     panel_title,
@@ -85,11 +86,13 @@ def _metrics(figure: str, record: PoseRecord) -> Iterator[Metric]:
     if figure == "figure01":
         for method in shown_in(record, FIGURE01):
             yield method, f"vertex_error_mean{rule}", "mm", vertex_mean_mm(record, method)
-            yield method, f"normal_error_mean{rule}", "deg", normal_means_deg(record, method)[WHOLE]
+            means = normal_means_deg(record, method)
+            for region in dict.fromkeys((WHOLE, close_up_region(record))):
+                yield method, f"normal_error_mean{rule}{_of(region)}", "deg", means[region]
     elif figure == "figure09":
-        from replicate.targets.figure09.forehead_wrinkles import REGION, fold_change_deg, refined_spot
+        from replicate.targets.figure09.forehead_wrinkles import fold_change_deg, refined_spot
 
-        region = REGION if REGION in record.region_names else WHOLE
+        region = close_up_region(record)
         yield TRUTH, f"fold_change_mean{rule}{_of(region)}", "deg", fold_change_deg(record)
         spot = refined_spot(record)
         measured = dict.fromkeys([*shown_in(record, FIGURE09), LINE])  # the line has a number where it isn't shown, too

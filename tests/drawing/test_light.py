@@ -183,3 +183,14 @@ def test_a_quick_studio_has_the_same_light_from_fewer_rays():
     scene = [Surface(*ball(), (226, 178, 148))]
     slow, fast = (trace(scene, VIEW, 60, 60, (236, 239, 243), each).astype(int) for each in (PORTRAIT, quick(PORTRAIT)))
     assert quick(PORTRAIT).sky_rays < PORTRAIT.sky_rays / 5 and np.abs(slow - fast).mean() < 4
+
+
+def test_a_hollow_is_as_dark_on_a_coarse_mesh_as_on_a_fine_one():
+    def hollow(across: int) -> float:
+        places, faces = grid(40, across)
+        wavy = places + np.float32([0, 0, 3]) * np.sin(places[:, :1] * 2 * np.pi / 80)
+        depth = depth_mm(scene_of([Surface(wavy, faces)], np.array([0.0, 0, 900])))
+        return depth[(np.abs(wavy[:, 1]) < 5) & (np.abs(places[:, 0] + 20) < 3)].mean()
+
+    fine, coarse = hollow(41), hollow(21)
+    assert 0.8 < coarse / fine < 1.25 and fine > 0.1

@@ -21,7 +21,8 @@ def record() -> PoseRecord:
 def test_figure_1_shows_head_and_forehead_with_both_errors_below(record):
     both = replace(record, vertices=record.vertices | {"refined": record.vertices["truth"] + np.float32([0, 0, 0.5])})
     figure, words = figure01(both, across=260)
-    assert len(pictures_of(figure)) == 4 and texts_of(figure) == ["Ground truth", "Refined", "0.50 mm, 0.00°"]
+    lines = ["Ground truth", "Refined", "0.50 mm, 0.00°", "forehead: 0.00°"]
+    assert len(pictures_of(figure)) == 4 and texts_of(figure) == lines
     assert "Refined 0.50 mm, 0.00°" in words.alt and "Fig. 1)" in words.caption
 
 

@@ -43,6 +43,17 @@ def test_figure_10_prints_the_mean_of_the_mesh_below_each_face(record):
     assert words.caption.startswith("Test pose 7 of teen, the one whose forehead folds most (after Fig. 10)")
 
 
+def test_a_close_up_has_the_mean_of_what_it_shows(record):
+    figure, words = figure10(record, 10.0, "forehead", across=60)
+    errors = normal_error(record.vertices["dense"], record.vertices["truth"], record.faces)
+    forehead = errors[record.region == record.region_names.index("forehead")].mean()
+    assert f"{forehead:.2f}°" in texts_of(figure) and f"{forehead:.2f}°" != f"{errors.mean():.2f}°"
+    assert "Below: its mean over the forehead;" in words.caption and f"Dense {forehead:.2f}°" in words.alt
+    nameless = replace(record, region_names=(), region=None)
+    figure, words = figure10(nameless, 10.0, "forehead", across=60)
+    assert f"{errors.mean():.2f}°" in texts_of(figure) and "over the whole mesh;" in words.caption
+
+
 def test_figure_10_shows_six_faces_in_a_row_and_a_method_from_outside_is_one_of_them(record, monkeypatch):
     names = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32", "linear", "mine")
     many = replace(record, vertices={"truth": record.vertices["truth"]} | dict.fromkeys(names, record.neutral))

@@ -52,10 +52,11 @@ def test_figure_1_draws_the_distances_and_normal_errors_of_its_rows(records):
     expected = []
     for method in ("refined", "lbs32"):
         distance, degrees = (own[method, f"{kind}_error_mean[folded]"] for kind in ("vertex", "normal"))
-        expected.append(f"{distance:.2f} mm, {degrees:.2f}°")
-        assert f"{plain_name(method)} {expected[-1]}" in words.alt
+        forehead = own[method, "normal_error_mean[folded][forehead]"]
+        expected += [f"{distance:.2f} mm, {degrees:.2f}°", f"forehead: {forehead:.2f}°"]
+        assert f"{plain_name(method)} {', '.join(expected[-2:])}" in words.alt
     assert [text for text in texts_of(figure) if text.endswith("°")] == expected
-    assert own.pop((TRUTH, "test_pose[folded]")) == 7 and "test pose 7 of" in words.caption and len(own) == 4
+    assert own.pop((TRUTH, "test_pose[folded]")) == 7 and "test pose 7 of" in words.caption and len(own) == 6
 
 
 def test_figure_9_draws_the_foreheads_errors_of_its_rows(records):

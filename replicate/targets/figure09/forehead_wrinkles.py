@@ -16,10 +16,12 @@ from replicate.drawing.scene import CAMERAS, Camera, camera_for, faces_in_view
 from replicate.geometry.mesh import fold_angles, inner_edges
 from replicate.report.pose_record import (
     FIGURE09,
+    FOREHEAD,
     TRUTH,
     WHOLE,
     PoseRecord,
     clay_surfaces,
+    close_up_region,
     line_in_words,
     marks_in_words,
     normal_means_deg,
@@ -42,7 +44,6 @@ SPOT_MM = 20.0  # its height on the skin, and the diameter around its middle in 
 STRIP = "strip"  # what it is called
 COMPARED = ("coarse", "refined")  # the second picture is where these differ most
 FACING = 0.8  # the cosine of the angle to the view within which a spot has to lie
-REGION = "forehead"
 CREASED_DEG = 1.0  # the mean change of a fold from which one sees creases; ICT's face has 1.9, Rigify's smooth one 0.7
 
 
@@ -60,7 +61,7 @@ def figure09(
     shown = shown_in(record, methods)
     columns = min(MOST_ACROSS, math.ceil(len(shown) / ROWS))
     width = across or cell_width(columns)
-    region = REGION if REGION in record.region_names else WHOLE
+    region = close_up_region(record)
     cells, phrases = [], []
     for method in shown:
         surfaces = clay_surfaces(record, method, hair=False)
@@ -150,8 +151,8 @@ def fold_change_deg(record: PoseRecord) -> float:
     Edges are weighted by their length. For a record without a forehead it is the mean over the whole mesh.
     """
     edges, sides = inner_edges(record.faces)
-    if REGION in record.region_names:
-        inner = (record.region == record.region_names.index(REGION))[sides].all(-1)
+    if FOREHEAD in record.region_names:
+        inner = (record.region == record.region_names.index(FOREHEAD))[sides].all(-1)
         edges, sides = edges[inner], sides[inner]
     posed, rest = (fold_angles(each, record.faces, edges, sides) for each in (record.vertices[TRUTH], record.neutral))
     change = np.abs(posed - rest)
