@@ -40,7 +40,7 @@ TITLES = {
     "figure01": "Figure 1: mean errors in the pictures' pose",
     "figure09": "Figure 9: mean normal errors of the forehead",
     "figure10": "Figure 10: mean normal errors",
-    "strip": "Figure 9: mean normal errors of the strip below the forehead",
+    "strip": "Figure 9: mean normal errors of the lower strip",
 }
 RIVALS = {"figure01": ("refined", "lbs32"), "figure09": ("refined", "lbs32"), "figure10": ("refined", "dense")}
 REGIONS = (WHOLE, "forehead", "eyes", "nose", "cheeks", "mouth", "jaw")  # columns in order; others come after them
@@ -126,7 +126,7 @@ def publish(figure: str, results: Sequence[CharacterResult]) -> None:
 def pose_tables(rows: Iterable[Row], figure: str) -> list[Table]:
     """Return the tables of a figure: of Figure 10 one for each character, of the others one for all of them.
 
-    Figure 9 has a second one, of the strip below the forehead.
+    Figure 9 has a second one, of the lower strip.
     """
     rows = [row for row in rows if row.table == figure]
     characters = characters_of(rows)

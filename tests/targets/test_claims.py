@@ -214,11 +214,11 @@ def test_a_chart_has_a_panel_for_each_character_with_numbers_of_ours_or_the_pape
     figure, words = claim_chart(evidence, PAPER, "C2")
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert titles == [
-        "● teen, ours\n○ Hiccup, paper",
-        "woman: not tested\n○ Valka, paper",
-        "toon: not tested\n○ Ray, paper",
-        "● ict\npaper: no number",
-        "dragon: not tested\n○ Toothless, paper",
+        "teen, ours\nHiccup, paper",
+        "woman: not tested\nValka, paper",
+        "toon: not tested\nRay, paper",
+        "ict\npaper: no number",
+        "dragon: not tested\nToothless, paper",
     ]
     assert "teen, normal error: refined < dense: 0.50" in words.alt and "C2" in words.caption
     assert claim_chart(evidence, PAPER, "C12") is None
@@ -307,7 +307,7 @@ def test_titles_of_a_charts_panels_leave_each_other_their_room():
     ]
     figure, _ = claim_chart(Evidence(rows), PAPER, "C13")
     figure.draw_without_rendering()
-    assert [axes.get_title(loc="left") for axes in figure.axes][::3] == ["● teen, ours", "● toon, ours"]
+    assert [axes.get_title(loc="left") for axes in figure.axes][::3] == ["teen, ours", "toon, ours"]
     boxes = [axes._left_title.get_window_extent() for axes in figure.axes]
     assert all(left.x1 < right.x0 for left, right in pairwise(boxes)) and boxes[-1].x1 <= figure.bbox.width
 

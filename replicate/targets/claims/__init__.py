@@ -578,9 +578,10 @@ PANELS = 4  # in a row
 ROW, TITLE, FRAME = 0.3, 1.0, 0.8  # inches: a comparison, what is around a row of panels, and around all of them
 LETTERS, LINE = 30, 0.2  # in a line of what is compared; inches that each further line takes
 SIZE_PT, TITLE_PT = 12, 11  # of letters; a panel's names are as wide as it
-MOST_DECADES = 2.5  # beyond that the numbers of all ticks have no room
+FEW_DECADES, MOST_DECADES = 1.35, 2.5  # up to them the numbers of `TICKS` and of `FEW_TICKS` have room
 LEAST = 0.02  # a smaller ratio stands at the left end of its panel, as an arrow with its bound
 TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
+FEW_TICKS = (0.05, 0.2, 1, 5, 20)
 NARROW_TICKS = (0.8, 1, 1.25)  # where fewer than two of these have room
 
 Pairs = dict[str, tuple[Comparison | None, Comparison | None]]
@@ -669,8 +670,8 @@ def _draw(
     axes.set_xscale("log")
     axes.set_xlim(lower, upper)
     decades = math.log10(upper / lower)
-    wide = [10.0**k for k in range(-12, 13, math.ceil(decades / 3))] if decades > MOST_DECADES else TICKS
-    ticks = [tick for tick in wide if lower < tick < upper]
+    wide = [10.0**k for k in range(-12, 13, math.ceil(decades / 3))] if decades > MOST_DECADES else FEW_TICKS
+    ticks = [tick for tick in (TICKS if decades < FEW_DECADES else wide) if lower < tick < upper]
     ticks = ticks if len(ticks) > 1 else [tick for tick in NARROW_TICKS if lower < tick < upper]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
@@ -683,8 +684,8 @@ def _title(pairs: Pairs, character: str, published: bool) -> str:
     """Return a panel's title: our character and, if the paper has numbers for any panel, its character below."""
     film = stand_in(character)
     has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
-    ours = f"● {character}{', ours' if film else ''}" if has[0] else f"{character}: not tested"
-    theirs = f"○ {film}, paper" if has[1] else "paper: no number"
+    ours = f"{character}{', ours' if film else ''}" if has[0] else f"{character}: not tested"
+    theirs = f"{film}, paper" if has[1] else "paper: no number"
     return f"{ours}\n{theirs}" if published else ours
 
 
