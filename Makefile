@@ -90,7 +90,7 @@ help: ## print this help
 	@echo
 	@echo variables
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
-	@echo "  CHARACTERS=     names, or paths of .toml recipes or of folders of samples, separated by commas or spaces"
+	@echo "  CHARACTERS=     names, or paths of .toml recipes, of .glb files or of folders, separated by commas or spaces"
 	@echo "                  (default: teen; for what trains nothing, all of teen woman dragon toon)"
 	@echo "  METHODS=        the rows of tables: names, or paths of .py files with a method of your own; all for all"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=  CLUSTER=   as \`python -m replicate table2 --help\` says"

@@ -37,7 +37,10 @@ def no_character(name: str) -> str:
     for ours, the_papers in STANDS_FOR.items():
         if name.lower() == the_papers.lower() and ours in names:
             return f"{the_papers}'s part is played by the {ours}: CHARACTERS={ours}"
-    others = f": there are {', '.join(names)}, and paths of .toml recipes, of .glb files and of folders"
+    for ending in SHAPE_ENDINGS:
+        if _is_there(Path(f"{name}{ending}")):
+            return f"there is no character {name}; did you mean the file {name}{ending}?"
+    others = f": there are {', '.join(names)}, and paths of .toml recipes, of .glb, .gltf or .vrm files and of folders"
     return nothing_named("character", name, names, others)
 
 
@@ -60,15 +63,16 @@ def named(character: str) -> str:
 def sample_folder(character: str) -> Path | None:
     """Return the folder of samples that a character is given as, or None for a recipe or the name of one.
 
-    Any path with a slash counts as a folder, whether it exists or not, and so does the name of one with a `face.toml`;
-    but a face of shapes (`shape_file`) is no folder of samples.
+    Any path with a slash counts as a folder, whether it exists or not, and so does the name of one with a `face.toml`,
+    a table of controls or poses; but a face of shapes (`shape_file`) is no folder of samples.
     """
     if shape_file(character):
         return None
     if re.fullmatch(r".*\.toml(@.*)?", character, re.DOTALL) or _is_there(RECIPES / f"{character}.toml"):
         return None
     folder = Path(os.path.abspath(character))
-    return folder if "/" in character or _is_there(folder / FACE_FILE) else None
+    has_samples = any(_is_there(folder / part) for part in (FACE_FILE, CONTROL_FILE, POSES))
+    return folder if "/" in character or has_samples else None
 
 
 def shape_file(character: str) -> Path | None:

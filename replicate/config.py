@@ -15,6 +15,7 @@ from typing import Literal
 
 from data_recipes.recipe_paths import (
     LABEL,
+    SHAPE_ENDINGS,
     character_label,
     named,
     no_character,
@@ -25,7 +26,7 @@ from data_recipes.recipe_paths import (
 )
 from replicate.base.exceptions import InputError
 from replicate.base.schema import LONGEST, Checked, naming, number, read_table, shown
-from replicate.base.spelling import nothing_named
+from replicate.base.spelling import meant, nothing_named
 from replicate.base.user_files import is_file, read_toml, shown_path
 
 LARGEST_SEED = 2**32 - 1
@@ -252,8 +253,24 @@ class Config(Checked):
                 f"called {shown(stem)}: expected at most {LONGEST} letters, digits, _, . and -"
             )
         if not is_file(recipe) and not (shapes and shapes.is_dir()):
-            kind = "file, which a folder of samples has" if folder else "file" if shapes else "recipe file"
-            raise InputError(f"{shown_path(recipe)}: there is no such {kind}")
+            raise InputError(f"{shown_path(recipe)}: there is no such {_kind_and_remedy(recipe, folder, shapes)}")
+
+
+def _kind_and_remedy(recipe: Path, folder: Path | None, shapes: Path | None) -> str:
+    """Return what a character's missing file would be, and what to do: "file; did you mean head.glb?"."""
+    if folder:
+        faces = _files_beside(folder, SHAPE_ENDINGS)
+        by_itself = f"; {faces[0]} in this folder is a character by itself: name that file" if faces else ""
+        return f"file, which a folder of samples has{by_itself or ' (REPRODUCING.md says what goes into it)'}"
+    near = meant(recipe.name, _files_beside(recipe.parent, SHAPE_ENDINGS if shapes else (".toml",)))
+    return ("file" if shapes else "recipe file") + (f"; did you mean {near}?" if near else "")
+
+
+def _files_beside(folder: Path, endings: tuple[str, ...]) -> list[str]:
+    try:
+        return sorted(name for name in os.listdir(folder) if name.lower().endswith(endings))
+    except OSError:
+        return []
 
 
 def with_sections(sections: Mapping[str, Checked]) -> type[Config]:

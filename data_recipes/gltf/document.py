@@ -66,6 +66,8 @@ def read_document(file: Path) -> Document:
     """Return a GLB's or glTF's document. Raises InputError, which may lack the file's name, if it is damaged."""
     data = read_bytes(file, MOST_BYTES)
     chunk = None
+    if data.startswith(b"version https://git-lfs"):
+        raise InputError("this is Git LFS's pointer to the file: `git lfs pull` fetches the file itself")
     if data[:4] == b"glTF":
         data, chunk = _chunks(data)
     try:

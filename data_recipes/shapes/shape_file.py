@@ -124,7 +124,7 @@ def read_source(face: ShapeFace, files: tuple[Path, ...]) -> ShapeSource:
                 n = len(neutral.vertices)
                 raise InputError(f"{shown_path(shape)}: expected the {n} vertices of {file.name}, got {len(vertices)}")
             shapes.append(Shape(shape.stem, vertices - neutral.vertices))
-    mm = _guess_unit(neutral.vertices, shapes, where) if face.unit == GUESS else MM[face.unit]
+    mm = _unit_mm(face, neutral.vertices, shapes, where)
     to_ours = mm * turn
     in_mm = replace(neutral, vertices=neutral.vertices @ to_ours.T)
     ours = tuple(replace(shape, offsets=shape.offsets @ to_ours.T) for shape in shapes)
@@ -141,12 +141,23 @@ def control_names(recipe: ShapeRecipe, files: Sequence[Path]) -> list[str]:
     return [*read_gltf(files[0]).targets, *joints]
 
 
-def _guess_unit(vertices: np.ndarray, shapes: Sequence[Shape], where: str) -> float:
-    """Return the unit in mm that makes what moves as large as a face. Raises InputError where none does."""
+def _unit_mm(face: ShapeFace, vertices: np.ndarray, shapes: Sequence[Shape], where: str) -> float:
+    """Return the unit in mm: the face's own, or the one that makes what moves as large as a face.
+
+    Raises InputError where what moves is far from as large as a face in the unit, or in all of them.
+    """
     moving = np.zeros(len(vertices), bool)
     for shape in shapes:
         moving |= shape.offsets.any(axis=1)
     size = float(np.ptp(vertices[moving] if moving.any() else vertices, axis=0).max())
+    if face.unit != GUESS:
+        least, most = FACE_MM[0] / 2, FACE_MM[1] * 2
+        if not least <= size * MM[face.unit] <= most:
+            raise InputError(
+                f"{where}: with unit = {face.unit!r} in {FACE_FILE} what moves is {size * MM[face.unit]:.3g} mm large, "
+                f"expected {least:g} to {most:,.0f} mm"
+            )
+        return MM[face.unit]
     for unit in GUESSED_UNITS:
         if FACE_MM[0] <= size * MM[unit] <= FACE_MM[1]:
             return MM[unit]
@@ -160,4 +171,4 @@ def check_names(face: ShapeFace, controls: list[str], joints: tuple[str, ...], w
         for name in given:
             if name not in known:
                 others = f": there are {', '.join(known[:12])}" if known else f": there is no {kind}"
-                raise InputError(f"{where}: {nothing_named(kind, name, known, others)}")
+                raise InputError(f"{where}, by the {FACE_FILE} beside it: {nothing_named(kind, name, known, others)}")

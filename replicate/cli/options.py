@@ -26,7 +26,8 @@ OPTIONS = {
     "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
     "characters": {
         "nargs": "+",
-        "help": f"names, of {', '.join(character_names())}, or paths of .toml recipes or of folders of samples; "
+        "help": f"names, of {', '.join(character_names())}, or paths of .toml recipes, of .glb files or of "
+        "folders; "
         + ", ".join(f"{name} needs {variable}=folder in the environment" for name, variable in OUTSIDE.items()),
     },
     "methods": {

@@ -9,6 +9,7 @@ from tqdm import tqdm
 from replicate.base.progress import DELAY_S
 
 LINE_EVERY_S = 30.0  # between two lines about a stage, without a terminal
+FEW = 0.05  # the share of a part's steps that may have waited for something
 
 
 class StageDisplay:
@@ -21,6 +22,7 @@ class StageDisplay:
         self._announced = False
         self._bar: tqdm | None = None
         self._label, self._label_start, self._label_initial = "", self.start, 0.0
+        self._is_warm = False  # whether the part that the stage is at has made its first steps
         self._left_s, self._told = None, self.start  # of the part that the stage is at, and when it was told
 
     @property
@@ -48,8 +50,12 @@ class StageDisplay:
     def progress(self, label: str, steps: float, total: float) -> None:
         """Show that `steps` of `total` steps of the part `label` are done."""
         self.tick()
-        if label != self._label:
+        is_new = label != self._label
+        if is_new:
             self._close()
+        # a few first steps wait for what is compiled: they say nothing of the others
+        if is_new or (not self._is_warm and 0 < steps - self._label_initial < FEW * total):
+            self._is_warm = not is_new
             self._label, self._label_start, self._label_initial = label, time.monotonic(), steps
         seconds, here = time.monotonic() - self._label_start, steps - self._label_initial
         self._left_s = seconds * (total - steps) / here if here > 0 else None

@@ -116,7 +116,10 @@ def checked(options: argparse.Namespace) -> tuple[Path, bool]:
     from replicate.capture.tracker_files import Weights, read_recording
 
     if not options.landmarks:
-        raise InputError("no recording is named: add LANDMARKS=file.csv, a file as REPRODUCING.md describes it")
+        raise InputError(
+            "no recording is named: add LANDMARKS=file.csv, a file as “Your own face drives a character” in "
+            "REPRODUCING.md describes it"
+        )
     file, weights = Path(os.path.abspath(with_home(options.landmarks, "LANDMARKS"))), False
     for config in configurations(options):
         settings = section(config)

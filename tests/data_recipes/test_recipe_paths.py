@@ -80,6 +80,26 @@ def test_a_mesh_that_belongs_to_no_folder_of_samples_stays_what_it_is(tmp_path):
         resolve(f"{tmp_path}/mesh.obj", "quick")
 
 
+def test_a_file_or_folder_that_is_nearly_meant_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "head.glb").write_bytes(b"")
+    (tmp_path / "face").mkdir()
+    (tmp_path / "face" / "poses").mkdir()
+    (tmp_path / "avatars").mkdir()
+    (tmp_path / "avatars" / "anna.glb").write_bytes(b"")
+    (tmp_path / "mine.toml").write_text("")
+    says = {
+        "hed.glb": r"hed\.glb: there is no such file; did you mean head\.glb\?",
+        "head": r"there is no character head; did you mean the file head\.glb\?",
+        "mime.toml": r"mime\.toml: there is no such recipe file; did you mean mine\.toml\?",
+        "face": r"face/face\.toml: there is no such file, which a folder of samples has \(REPRODUCING\.md says what",
+        "./avatars": r"which a folder of samples has; anna\.glb in this folder is a character by itself: name",
+    }
+    for character, words_ in says.items():
+        with pytest.raises(InputError, match=words_):
+            resolve(character, "quick")
+
+
 def test_a_command_names_a_character_so_that_it_can_be_typed_anywhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "my face"), write(tmp_path / "mine")

@@ -113,6 +113,17 @@ def test_what_a_stage_says_is_left_of_it_goes_by_with_the_time(clock):
     assert stage_display.left_s is None
 
 
+def test_what_first_steps_wait_for_is_not_reckoned_for_all(clock):
+    stage_display = StageDisplay("samples", 0, Screen(terminal=False))
+    stage_display.progress("samples", 0, 1000)
+    clock[0] += 40  # something is compiled
+    stage_display.progress("samples", 10, 1000)
+    assert stage_display.left_s is None
+    clock[0] += 1
+    stage_display.progress("samples", 30, 1000)
+    assert stage_display.left_s == 48.5
+
+
 def test_a_run_of_a_few_seconds_or_of_one_artefact_has_no_line_of_its_own(clock):
     for terminal, total, seconds in ((False, 57, 20), (True, 57, 1), (True, 1, 100), (False, 1, 100)):
         screen = Screen(terminal)

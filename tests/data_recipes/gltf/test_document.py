@@ -202,6 +202,8 @@ def test_files_that_are_no_glb_or_are_cut_are_refused(tmp_path):
     for size in range(0, len(whole), 97):
         file.write_bytes(whole[:size])
         refused(file)
+    file.write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n")
+    assert "`git lfs pull` fetches the file itself" in refused(file)
     file.unlink()
     assert refused(file) == "there is no such file"
 

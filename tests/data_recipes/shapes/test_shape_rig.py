@@ -198,6 +198,17 @@ def test_limits_in_a_face_toml_are_the_controls(tmp_path):
     assert (jaw.lower, jaw.upper, rig.name) == (-0.2, 1.5, "mine")
 
 
+def test_a_unit_in_which_it_is_no_face_is_refused_and_names_of_a_face_toml_are_its_own(tmp_path):
+    write_face(tmp_path / "a.glb")
+    for line, words in {
+        'unit = "mm"': r"a\.glb: with unit = 'mm' in face\.toml what moves is [\d.]+ mm large, expected 30 to 1,200 mm",
+        "limits = { jawopened = [0, 1] }": r"a\.glb, by the face\.toml beside it: there is no control jawopened; did",
+    }.items():
+        (tmp_path / "face.toml").write_text(f"{line}\n")
+        with pytest.raises(InputError, match=words):
+            build_rig(str(tmp_path / "a.glb"))
+
+
 def test_points_in_a_face_toml_are_the_files_vertices(tmp_path):
     vertices, _ = write_face(tmp_path / "a.glb")
     (tmp_path / "face.toml").write_text("[points]\nlandmarks = [0, 150, 215]\n")
