@@ -165,7 +165,7 @@ def without_landmarks(recipe: AnyRecipe | SampledRecipe, files: Sequence[Path]) 
         lacking = without_counterpart(TELLING_SHAPES, control_names(recipe, files))
         if not lacking:
             return ""
-        unknown = f", nor can be found without a shape called {' or '.join(lacking)}"
+        unknown = f", nor can be found, since no shape is called {' or '.join(lacking)}"
     return _unnamed(recipe, unknown)
 
 

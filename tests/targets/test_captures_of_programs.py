@@ -125,7 +125,7 @@ def test_landmarks_that_are_missing_or_no_vertices_are_named(tmp_path, cache, ca
     (tmp_path / "face.csv").write_text(openface())
     glb = write_glb(tmp_path, ("chin", "nose_tip"), jaw="ajar")
     arguments = ("capture", "--profile", "quick", "--landmarks", str(tmp_path / "face.csv"), "--characters", str(glb))
-    lacking = "nor can be found without a shape called jawOpen"
+    lacking = "nor can be found, since no shape is called jawOpen"
     assert f"mask: 2 of its 54 landmarks have no vertex, {lacking}: chin, nose_tip; name them in face.toml" in refusal(
         capsys, *arguments
     )
