@@ -28,6 +28,13 @@ def test_the_contents_have_readmes_groups_in_readmes_order():
     assert here == [(about[0].lower() + about[1:], names) for about, names in in_readme]
 
 
+def test_readme_is_a_page_and_no_book():
+    text = (ROOT / "README.md").read_text("utf-8")
+    shown = re.sub(r"(?s)```.*?```|<!--.*?-->", " ", text)  # code and marks aside
+    shown = re.sub(r"\]\([^)]*\)", "]", shown)  # and addresses
+    assert len(re.findall(r"[A-Za-z][\w'’-]*", shown)) < 1300
+
+
 def test_every_notebook_stands_in_the_contents_once():
     names = [name for name, *_ in ENTRIES]
     assert sorted(names) == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
