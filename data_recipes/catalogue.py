@@ -18,10 +18,9 @@ from jaxtyping import Float32, Int32
 from data_recipes.acting import clip_file
 from data_recipes.acting.arkit_names import arkit_parts, play_weights, without_counterpart
 from data_recipes.acting.expressions import expression_poses
-from data_recipes.acting.procedural_acting import Acting, act
+from data_recipes.acting.procedural_acting import Acting, act, act_in_arkit_names
 from data_recipes.early_checks import check_early, recipe_controls
 from data_recipes.function_rig import FunctionRig
-from data_recipes.ict.facekit_acting import perform
 from data_recipes.ict.facekit_files import expression_names, model_files
 from data_recipes.landmark_set import FACE_LANDMARKS, TELLING_SHAPES, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
@@ -215,7 +214,7 @@ def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:
     The frames are parameters within the controls' limits, 24 a second; each of its three shots begins in the neutral
     pose. Raises InputError for a rig with other controls than ours or ARKit's.
     """
-    for shots in (act, perform):
+    for shots in (act, act_in_arkit_names):
         values = np.concatenate([values for _, values in shots(rig.controls, PERFORMANCE)])
         if (values != rig.default).any():
             return np.clip(values, rig.lower, rig.upper).astype(np.float32)

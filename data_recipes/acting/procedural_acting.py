@@ -13,8 +13,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from data_recipes.acting import speech
+from data_recipes.acting.arkit_names import in_their_words, name_pairs
 from data_recipes.acting.expressions import EXPRESSIONS, expression
 from data_recipes.acting.motion import FRAMES_PER_SECOND, blink_profile, drift, freeze, move_keys, pose, through
+from data_recipes.controls import Control, control_groups
 from replicate.base.schema import Checked, number
 
 
@@ -88,6 +90,20 @@ def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
         values = np.clip(np.round(values, DECIMALS), lower, upper).astype(np.float32)
         clips.append((f"{index:02d}_{kind}_{casts[index][0]}", values))
     return clips
+
+
+def act_in_arkit_names(controls: Sequence[Control], acting: Acting) -> list[tuple[str, np.ndarray]]:
+    """Return clips (name, (t, m) float32) for controls that have ARKit's names or ICT-FaceKit's.
+
+    Those of our controls that have a counterpart among them act as on our own faces (`act`).
+    """
+    names = {name for name, *_ in name_pairs()}
+    ours = [control for group in control_groups().values() for control in group if control.name in names]
+    our_names, their_names = [control.name for control in ours], [control.name for control in controls]
+    return [
+        (name, np.round(in_their_words(our_names, their_names, values), DECIMALS).astype(np.float32))
+        for name, values in act(ours, acting)
+    ]
 
 
 def _shot(kind, cast, nudges, columns, acting, generator) -> Float64[np.ndarray, "t m"]:

@@ -124,11 +124,7 @@ def neck_tendon(s: Sculptor) -> dict[str, Path]:
 
 def tongue(s: Sculptor) -> dict[str, Path]:
     """Return the tongue's actions, relative to the jaw, which carries it."""
-    rows = s.head.grids["tongue"]
-    t = np.zeros(s.n)
-    for j, ring in enumerate(rows):
-        t[ring] = j / max(len(rows) - 1, 1)
-    t[s.head.grids["tongue_cap"]] = 1.0
+    t = _along_tongue(s)
     inside = s.in_parts("tongue")
     t = np.where(inside, t, 0.0)
     middle = np.where(inside, s.x[:, 0], 0.0)
@@ -157,13 +153,19 @@ def tongue(s: Sculptor) -> dict[str, Path]:
 
 def tongue_reach(s: Sculptor) -> Float[np.ndarray, "n 3"]:
     """Return how much further the tongue comes out when the jaw is open: past the teeth."""
-    rows = s.head.grids["tongue"]
-    t = np.zeros(s.n)
-    for j, ring in enumerate(rows):
-        t[ring] = j / max(len(rows) - 1, 1)
-    t[s.head.grids["tongue_cap"]] = 1.0
+    t = _along_tongue(s)
     scale = s.head.recipe.tongue.length / 42.0
     return np.stack([0 * t, 7.0 * t - 4.0 * t**3, 26.0 * t], axis=1) * scale
+
+
+def _along_tongue(s: Sculptor) -> Float[np.ndarray, " n"]:
+    """Return how far along the tongue each vertex lies: 0 at its root and off it, 1 at its tip."""
+    rings = s.head.grids["tongue"]
+    t = np.zeros(s.n)
+    for j, ring in enumerate(rings):
+        t[ring] = j / max(len(rings) - 1, 1)
+    t[s.head.grids["tongue_cap"]] = 1.0
+    return t
 
 
 def fade(s: Sculptor, part: str) -> Float[np.ndarray, " n"]:

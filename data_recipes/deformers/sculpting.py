@@ -19,7 +19,6 @@ from data_recipes.deformers.handles import wendland
 from data_recipes.deformers.surface_operators import (
     geodesic,
     harmonic,
-    quad_adjacency,
     smooth_values,
     stiffness,
     submesh,
@@ -74,7 +73,7 @@ class Sculptor:
     @cached_property
     def graph(self) -> sp.csr_matrix:
         """The quad edges between skin vertices, (n, n) 0/1."""
-        full = quad_adjacency(self.head.quads, self.n)
+        full = adjacency(self.head.quads, self.n)
         keep = sp.diags(self.is_skin.astype(float))
         graph = (keep @ full @ keep).tocsr()
         graph.eliminate_zeros()

@@ -49,18 +49,9 @@ def stiffness(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"])
     return sp.csr_matrix((local.ravel(), (rows, columns)), shape=(len(vertices),) * 2)
 
 
-def adjacency(faces: Int[np.ndarray, "f 3"], n: int) -> sp.csr_matrix:
-    """Return the symmetric 0/1 matrix (n, n) of the mesh's edges."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    matrix = sp.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    matrix.data[:] = 1.0
-    return matrix
-
-
-def quad_adjacency(quads: Int[np.ndarray, "q 4"], n: int) -> sp.csr_matrix:
-    """Return the symmetric 0/1 matrix (n, n) of a quad mesh's edges, without diagonals."""
-    pairs = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+def adjacency(faces: Int[np.ndarray, "f c"], n: int) -> sp.csr_matrix:
+    """Return the symmetric 0/1 matrix (n, n) of the edges of triangles or quads, without diagonals."""
+    pairs = np.concatenate([np.stack([faces[:, k - 1], faces[:, k]], axis=1) for k in range(faces.shape[1])])
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     matrix = sp.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     matrix.data[:] = 1.0

@@ -16,7 +16,6 @@ from data_recipes.deformers.pose_curves import REACH, SHARPNESS, limits
 from data_recipes.deformers.surface_operators import adjacency
 from data_recipes.face_check import check_face
 from data_recipes.face_rig import FaceParts, FaceRig
-from data_recipes.ict.facekit_acting import perform
 from data_recipes.ict.facekit_files import FaceKit, read_model
 from data_recipes.ict.facekit_nodes import FACEKIT, rest_props, sphere_centre
 from data_recipes.ict.facekit_segments import SOFT, Segments, build_charts, split
@@ -42,7 +41,7 @@ def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
     model = place_model(read_model(recipe.vertices), recipe)
     controls = model_controls(model.offsets)
     clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
-    clips = [Clip(name, values) for name, values in perform(controls, recipe.acting)] + clips
+    clips = [Clip(name, values) for name, values in act_in_arkit_names(controls, recipe.acting)] + clips
     segments = split(model, recipe.parts, recipe.file)
     uv, _ = build_charts(model, segments, len(SOFT))
     mesh = Mesh(

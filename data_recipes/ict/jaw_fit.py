@@ -32,7 +32,6 @@ class JawFit:
     turn_rad, slide_mm: rotation vectors and translations of `JAW_CONTROLS` at 1.
     weight: each vertex's share in the motion, 1 on the lower teeth, 0 on the upper ones.
     offsets: by control, mm in the resting jaw's frame.
-    residual_mm: RMS by which the model's lower teeth differ from a rigid motion.
     """
 
     pivot: Float[np.ndarray, " 3"]
@@ -40,7 +39,6 @@ class JawFit:
     slide_mm: Float[np.ndarray, "4 3"]
     weight: Float[np.ndarray, " n"]
     offsets: dict[str, Float[np.ndarray, "n 3"]]
-    residual_mm: Float[np.ndarray, " 4"]
 
 
 def fit_jaw(
@@ -65,10 +63,6 @@ def fit_jaw(
     pivot = _pivot(*motions[0])
     turns = np.array([Rotation.from_matrix(rotation.T).as_rotvec() for rotation, _ in motions])
     slides = np.array([pivot @ rotation + shift - pivot for rotation, shift in motions])
-    residual = [
-        np.sqrt((((x[lower] @ rotation + shift) - (x[lower] + shapes[name][lower])) ** 2).sum(1).mean())
-        for name, (rotation, shift) in zip(JAW_CONTROLS, motions, strict=True)
-    ]
     if np.linalg.norm(turns[0]) < SMALLEST_TURN:
         raise InputError(f"expressions: '{JAW_CONTROLS[0]}' doesn't turn the lower teeth, expected a rotation")
     weight = _weights(x, shapes[JAW_CONTROLS[0]], pivot, turns[0], slides[0], lower, still, graph)
@@ -77,7 +71,7 @@ def fit_jaw(
         pose = x + shapes[name] - pivot - weight[:, None] * slide
         offsets[name] = turn_vectors(pose, -weight[:, None] * rotation) + pivot - x
         offsets[name][np.concatenate([lower, still])] = 0.0
-    return JawFit(pivot, turns, slides, weight, offsets, np.array(residual))
+    return JawFit(pivot, turns, slides, weight, offsets)
 
 
 def turn_vectors(vectors: Float[np.ndarray, "n 3"], rotation: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -14,9 +14,8 @@ from jaxtyping import Float64
 
 from data_recipes.acting.arkit_names import canonical, name_pairs
 from data_recipes.acting.motion import FRAMES_PER_SECOND, freeze, move_keys, through
-from data_recipes.acting.procedural_acting import DECIMALS, Acting
+from data_recipes.acting.procedural_acting import DECIMALS, Acting, act_in_arkit_names
 from data_recipes.controls import Control
-from data_recipes.ict.facekit_acting import perform
 from data_recipes.shapes.control_names import mirrored_pairs, opposite
 
 ENOUGH = 12  # controls with names that our acting knows
@@ -41,7 +40,7 @@ def act_shapes(controls: Sequence[Control], acting: Acting) -> list[tuple[str, n
     clips, left = [], np.arange(len(controls))
     if sum(named) >= ENOUGH:
         span = np.where(named, np.maximum(upper, 1e-9), 0.0)
-        clips = [(name, np.clip(values * span, lower, upper)) for name, values in perform(controls, acting)]
+        clips = [(name, np.clip(values * span, lower, upper)) for name, values in act_in_arkit_names(controls, acting)]
         reached = np.max([values.max(0) - values.min(0) for _, values in clips], axis=0) if clips else 0 * lower
         left = np.flatnonzero(reached < UNREACHED * (upper - lower))
         clips = clips[: len(clips) - len(clips) // SHARE] if len(left) else clips
