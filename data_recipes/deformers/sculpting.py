@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from data_recipes.deformers.handles import wendland
 from data_recipes.deformers.surface_operators import (
+    adjacency,
     geodesic,
     harmonic,
     smooth_values,

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.acting.clip_file import read_clip
+from data_recipes.acting.procedural_acting import act_in_arkit_names
 from data_recipes.deformers import jaw, wrinkles
 from data_recipes.deformers.node_chain import place_of
 from data_recipes.deformers.pose_curves import REACH, SHARPNESS, limits
