@@ -8,8 +8,7 @@ import pytest
 
 from data_recipes.head import hair
 from data_recipes.head.hair_locks import head_centre
-from data_recipes.head.head_props import COLUMNS, CREST, PAIRS, ROWS, build_props
-from data_recipes.head.head_props import COLUMNS as HORN_COLUMNS
+from data_recipes.head.head_props import BROW_COLUMNS, BROW_ROWS, CREST, HORN_COLUMNS, PAIRS, build_props
 from data_recipes.head.shape import lidded_distance, skull_distance
 from data_recipes.head.topology import build_layout
 from data_recipes.recipe.reading import load_recipe
@@ -26,7 +25,7 @@ def props_with(head, **changes):
 
 def brow_shade(brow):
     """Return the sheet under a brow's hairs, (rows, columns, 3) from below."""
-    return brow.vertices[: ROWS * COLUMNS].reshape(ROWS, COLUMNS, 3)
+    return brow.vertices[: BROW_ROWS * BROW_COLUMNS].reshape(BROW_ROWS, BROW_COLUMNS, 3)
 
 
 @pytest.fixture
@@ -173,9 +172,9 @@ def test_brows_at_rest_say_nothing(head, style):
     """Head and tail lie at one height, the arch is low: neither sad nor cross."""
     brow = props_with(head, brows=style, hair="none")["brow_left"]
     grid = brow_shade(brow)
-    middle = grid[ROWS // 2, :, 1]
+    middle = grid[BROW_ROWS // 2, :, 1]
     assert abs(middle[2] - middle[-3]) < 3 and 0.5 < middle.max() - middle[[2, -3]].max() < 4.5
-    assert 0.35 < middle.argmax() / COLUMNS < 0.75
+    assert 0.35 < middle.argmax() / BROW_COLUMNS < 0.75
     thickness = np.ptp(grid[..., 1], axis=0)
     assert thickness[8:20].min() > 1.5 * thickness[-3]
 
