@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -52,8 +53,15 @@ def read_csv(path: Path, columns: Sequence[Column], key: Sequence[str], missing:
     key: the columns that together identify a row; without any, rows may repeat.
     missing: the message if the file isn't there, after its name.
 
-    Raises InputError, naming file and line, for anything else in the file.
+    Raises InputError, naming file and line, for anything else in the file. A file that hasn't changed is read once.
     """
+    state = path.stat() if path.is_file() else None
+    changes = (state.st_ino, state.st_mtime_ns, state.st_size) if state else ()
+    return _read(path, changes, tuple(columns), tuple(key), missing).copy()
+
+
+@lru_cache(maxsize=128)
+def _read(path: Path, changes: tuple[int, ...], columns: tuple, key: tuple, missing: str) -> "pandas.DataFrame":
     import pandas
 
     header, *body = _rows(path, missing) or [["nothing"]]

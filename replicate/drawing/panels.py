@@ -93,9 +93,9 @@ def png(figure: "matplotlib.figure.Figure", words: Words) -> bytes:
 
     _spell_names(figure)
     drawn, out, about = io.BytesIO(), io.BytesIO(), PngInfo()
-    figure.savefig(drawn, format="png", dpi=DPI)
+    figure.savefig(drawn, format="png", dpi=DPI, pil_kwargs={"compress_level": 0})
     about.add_itxt("Description", words.alt)
-    Image.open(drawn).convert("RGB").save(out, format="PNG", optimize=True, pnginfo=about)
+    Image.open(drawn).convert("RGB").save(out, format="PNG", pnginfo=about)
     return out.getvalue()
 
 
@@ -117,7 +117,7 @@ def for_page(data: bytes) -> bytes:
 
     if data.startswith(b"RIFF"):  # as WebP does
         out = io.BytesIO()
-        Image.open(io.BytesIO(data)).save(out, format="PNG", optimize=True)
+        Image.open(io.BytesIO(data)).save(out, format="PNG")
         data = out.getvalue()
     if len(data) <= SMALL_BYTES:
         return data

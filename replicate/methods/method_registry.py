@@ -33,7 +33,7 @@ def methods(config: Config | None = None) -> dict[str, Method]:
 
     config: decides which numbers of bones LBS has; None for the paper's.
     """
-    own = [method for module in _suite_modules() for method in _methods_in(module, config)]
+    own = _suite_methods(config)
     brought = [method for module in map(_outside_module, _outside_files()) for method in _brought(module, config)]
     return {method.name: method for method in _sort([*own, *brought])}
 
@@ -107,6 +107,11 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
 
 def _sort(methods: Iterable[Method]) -> list[Method]:
     return sorted(methods, key=lambda method: (not method.in_paper, method.place, method.name))
+
+
+@cache
+def _suite_methods(config: Config | None) -> tuple[Method, ...]:
+    return tuple(method for module in _suite_modules() for method in _methods_in(module, config))
 
 
 @cache

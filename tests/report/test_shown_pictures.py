@@ -26,7 +26,7 @@ def test_a_committed_picture_is_found_by_its_name_and_shown_as_it_was_in_a_run(t
     shown = []
     monkeypatch.setattr("IPython.display.display", lambda image, words: shown.append(image))
     chart = PIL.Image.fromarray(np.kron(np.eye(8, dtype=np.uint8) * 200, np.ones((9, 9), np.uint8))).convert("RGB")
-    chart.save(tmp_path / "chart.png", optimize=True)
+    chart.save(tmp_path / "chart.png")
     (tmp_path / "chart.json").write_text(json.dumps({"alt": "squares", "caption": "Squares."}))
     notebooks.show_picture(tmp_path / "chart")
     (tmp_path / "chart.webp").write_bytes(webp((tmp_path / "chart.png").read_bytes()))

@@ -141,7 +141,8 @@ refit_sweeps = 20
 test_poses = 60
 floor_poses = 60
 """
-ALL = ("--methods", "all")
+ALL = ("--methods", "all", "--numbers-only")
+SHOW = ("--methods", "coarse", "refined", "dense", "regional", "linear", "neutral")  # pictures of all take half a minute
 SHOWN = {method.name: method for method in choose(["all"])}
 SHORT = ("--numbers-only", "--methods", "coarse", "linear", "neutral")  # what is disturbed: a part of the rows
 
@@ -267,6 +268,15 @@ def test_running_again_does_nothing_and_says_so(undisturbed):
     assert table(folder) == written
 
 
+def test_what_is_there_already_is_drawn_and_has_its_notebook(undisturbed, tmp_path):
+    (tmp_path / "cache").symlink_to(undisturbed[0] / "cache")
+    printed, _ = finish(tmp_path, SHOW)
+    results = tmp_path / "results" / "quick"
+    for picture in ("table2_tiny_chart", "table2_tiny_curves", "figure09_tiny", "figure10_tiny", "figure10_tiny_worst"):
+        assert (results / f"{picture}.png").stat().st_size > 10_000 and (results / f"{picture}.json").is_file()
+    assert (results / "table2.ipynb").is_file() and "ipynb" in printed
+
+
 def test_results_name_the_run_that_made_them(undisturbed):
     folder = undisturbed[0] / "results" / "quick"
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -279,14 +289,14 @@ def test_results_name_the_run_that_made_them(undisturbed):
 
 def test_every_method_with_a_model_leaves_the_suite_and_nothing_is_trained_for_it(undisturbed):
     folder, _ = undisturbed
-    printed, _ = finish(folder, ALL, "deploy")
+    printed, _ = finish(folder, ALL[:2], "deploy")
     assert "made 1 of " in printed
     names = [name for name, method in SHOWN.items() if method.model]
     models = {f"deploy_tiny_{name}{precision}.onnx" for name in names for precision in ("", "_float16")}
     files = {file.name for file in (folder / "results" / "quick").glob("deploy_*")}
     usual = models | {f"deploy_tiny.{ending}" for ending in ("c", "h", "glb", "json")}
     assert len(names) >= 10 and files == usual
-    finish(folder, (*ALL, "--form", "shapes"), "deploy")
+    finish(folder, (*ALL[:2], "--form", "shapes"), "deploy")
     results, rng = folder / "results" / "quick", np.random.default_rng(0)
     written = {file.stem for file in results.glob("deploy_shapes_*.glb")}
     assert written == {f"deploy_shapes_tiny_{name}" for name in SHAPED}

@@ -255,8 +255,10 @@ def best_row(rows: Iterable[Row], character: str, method: str, where: str, table
     where: "one_core", "all_cores" or "gpu"
     table: the name of the rows' table
     """
-    keys = {(table, character, method + ending, f"time_{where}") for ending in EXACT}
-    return min((row for row in rows if row.key in keys), key=lambda row: row.value, default=None)
+    metric, names = f"time_{where}", {method + ending for ending in EXACT}
+    timed = (row for row in rows if row.metric == metric and row.method in names)
+    own = (row for row in timed if row.character == character and row.table == table)
+    return min(own, key=lambda row: row.value, default=None)
 
 
 def best_time(rows: Sequence[Row], character: str, method: str, where: str, kind: str = "time") -> float | None:
