@@ -37,6 +37,8 @@ TEXELS = 1.0  # a vertex
 FEW_POSES = 3  # training poses a control
 BEYOND, FAR, OUTSIDE = 0.1, 2.0, 0.05  # share of test poses; in distances of training poses; in ranges
 SHOWN = 6  # names in a sentence
+RIDGE = 1e-6  # in mean squares of a column, which are 1
+CHUNK = 64
 EXPECTED = ("bad_texels_a_vertex",)  # of any large face, those of the paper too: before training no word is said of it
 
 
@@ -89,6 +91,21 @@ class Face:
         return np.asarray(self.rig.upper, float) - self.rig.lower
 
     @cached_property
+    def line(self) -> Float[np.ndarray, "k l"]:
+        """A ridge regression of some training poses: mm per unit of each control, and what the default pose is off."""
+        samples, some = self.samples, self.some
+        away = np.asarray(samples.params[some], float) - self.rig.default
+        size = np.sqrt((away**2).mean(axis=0))
+        scale = np.where(size > 0, size, np.inf)  # a control that never moves has no slope
+        design = np.concatenate([away / scale, np.ones((len(some), 1))], axis=1)
+        products = np.zeros((design.shape[1], 3 * samples.quantised.shape[1]))
+        for first in range(0, len(some), CHUNK):
+            rows = some[first : first + CHUNK]
+            products += design[first : first + CHUNK].T @ samples.offsets(rows).reshape(len(rows), -1)
+        gram = design.T @ design + RIDGE * len(some) * np.diag([*np.ones(len(size)), 0.0])
+        return np.linalg.solve(gram, products) / np.append(scale, 1.0)[:, None]
+
+    @cached_property
     def moved(self) -> Bool[np.ndarray, " m"]:
         """Which controls leave their default in some training pose."""
         return _leaves(self, self.samples.params)
@@ -112,10 +129,12 @@ def look(face: Face, tries: bool = True) -> list[Finding]:
     """
     if tries or not has_function(face.rig):
         shapes, rest = effects(face)
+        straight = list(line_findings(face))
     else:
+        straight = []
         shapes, rest = np.zeros((len(face.rig.controls), 1, 3), np.float32), np.zeros_like(face.rig.mesh.neutral)
     controls, segments = list(control_findings(face, shapes)), list(segment_findings(face, rest))
-    whole = [*facts(face), *pose_findings(face), *alike_findings(face, shapes), *seam_findings(face)]
+    whole = [*facts(face), *straight, *pose_findings(face), *alike_findings(face, shapes), *seam_findings(face)]
     return [*whole, *summaries(face, controls, segments), *controls, *segments]
 
 
@@ -245,28 +264,23 @@ def effects(face: Face) -> tuple[Float[np.ndarray, "m n 3"], Float[np.ndarray, "
     return _regressed(face)
 
 
-RIDGE = 1e-6  # in mean squares of a column, which are 1
-CHUNK = 64
-
-
 def _regressed(face: Face) -> tuple[np.ndarray, np.ndarray]:
     """Return shapes by ridge regression, and the median, over the poses nearest to rest, of what it leaves there."""
     samples, some = face.samples, face.some
-    away = np.asarray(samples.params[some], float) - face.rig.default
-    size = np.sqrt((away**2).mean(axis=0))
-    columns = away / np.where(size > 0, size, 1.0)
-    design = np.concatenate([columns, np.ones((len(some), 1))], axis=1)
-    products = np.zeros((design.shape[1], 3 * samples.quantised.shape[1]))
-    for first in range(0, len(some), CHUNK):
-        rows = some[first : first + CHUNK]
-        products += design[first : first + CHUNK].T @ samples.offsets(rows).reshape(len(rows), -1)
-    gram = design.T @ design + RIDGE * len(some) * np.diag([*np.ones(len(size)), 0.0])
-    weights = np.linalg.solve(gram, products)[:-1]
+    away, slopes = np.asarray(samples.params[some], float) - face.rig.default, face.line[:-1]
     near = np.argsort(np.abs(away / face.ranges).sum(axis=1), kind="stable")[:NEAR_REST]
-    left = samples.offsets(some[near]).reshape(len(near), -1) - columns[near] @ weights
-    farthest = np.abs(away).max(axis=0) / np.where(size > 0, size, 1.0)
-    shapes = (weights * (farthest * (size > 0))[:, None]).reshape(len(size), -1, 3)
+    left = samples.offsets(some[near]).reshape(len(near), -1) - away[near] @ slopes
+    shapes = (slopes * np.abs(away).max(axis=0)[:, None]).reshape(len(slopes), -1, 3)
     return shapes.astype(np.float32), np.median(left, axis=0).reshape(-1, 3)
+
+
+def line_findings(face: Face) -> Iterator[Finding]:
+    """Yield how far held-out poses are, at most, from a straight line that was fitted to training poses, in mm."""
+    samples = face.samples
+    away = np.asarray(samples.validation_params, float) - face.rig.default
+    line = (away @ face.line[:-1] + face.line[-1]).reshape(len(away), -1, 3)
+    off = np.linalg.norm(samples.validation_offsets - line, axis=2).max(initial=0.0)
+    yield Finding(FACE, "", "straight_line_off", "mm", float(off))
 
 
 def control_findings(face: Face, shapes: Float[np.ndarray, "m n 3"]) -> Iterator[Finding]:

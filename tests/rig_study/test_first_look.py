@@ -158,6 +158,21 @@ def test_vertices_in_another_order_within_a_part_are_found_too():
     assert amiss(face) == {"bad_off_its_place": MEANINGLESS} and of(face, SEGMENT, "off_its_place")["eye_left"][1] == OK
 
 
+def test_held_out_poses_of_a_sum_of_shapes_are_on_a_straight_line_and_those_of_a_bend_are_not():
+    face = sound()
+    samples = face.samples
+    all_poses = [
+        (params, offsets + 0.1 * params[:, :1, None] ** 2 * offsets)
+        for params, offsets in (
+            (samples.params, samples.offsets(np.arange(len(samples)))),
+            (samples.validation_params, samples.validation_offsets),
+        )
+    ]
+    bent = replace(face, samples=exact_samples(*all_poses[0], *all_poses[1]))
+    off = [float(of(each, FACE, "straight_line_off")[""][0]) for each in (face, bent)]
+    assert off[0] < 1e-3 and off[1] > 0.05
+
+
 def test_a_rig_that_bends_is_in_its_place():
     face = sound()
     bent = face.samples.quantised + 8 * (face.samples.params[:, :1, None] ** 2) * [0, 1, 0]

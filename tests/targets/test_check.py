@@ -107,6 +107,7 @@ def test_the_command_reports_on_samples_and_ends_with_2_where_training_can_learn
     assert printed.err.splitlines()[-1].startswith("few: results would be meaningless: ")
     assert "of 30 controls never move in training (s" in printed.err.splitlines()[-1]
     assert "sound: 30 vertices, 40 faces, 2 segments, 3 controls; 200 mm large (unit: mm, as its" in printed.out
+    assert "only add shapes" not in printed.out
     for name in ("sound", "few"):
         assert read_findings(folder / f"check_{name}.csv")
         assert all(has_figure(folder / f"check_{name}{what}.png") for what in ("", "_reach"))
@@ -123,4 +124,5 @@ def test_a_pose_for_each_control_is_a_face_of_shapes_with_nothing_amiss(cache, t
     printed = capfd.readouterr()
     assert f"{sculpts}/poses: no pose moves more than one control, so the face is read as the sum of" in printed.err
     assert "sculpts: 30 vertices, 40 faces, 2 segments, 30 controls; 200 mm large (unit: mm, as its" in printed.out
+    assert "its controls only add shapes: a straight line is all of it (METHODS=linear)" in printed.out
     assert "never moves in training" not in printed.out and "meaningless" not in printed.out

@@ -1,5 +1,6 @@
 """What a look at a face found: as CSV, in lines and tables, as pictures of poses, controls' reach and texels."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -36,6 +37,8 @@ from replicate.targets.figure07 import segment_palette, shown_segment
 
 if TYPE_CHECKING:
     import matplotlib.figure
+
+SUM_MM = 0.01  # from a straight line: a face whose held-out poses are nearer is a sum of shapes
 
 # As CSV: one finding a row.
 
@@ -162,7 +165,7 @@ def facts_in_words(findings: Sequence[Finding]) -> str:
     value = {each.metric: each.value for each in findings if each.kind == FACE}
     parts = [_counted(value[name], name) for name in ("vertices", "faces", "segments", "controls")]
     unit = next(each.name for each in findings if each.metric == "size")
-    threshold = value["influence_threshold"]
+    threshold, is_sum = value["influence_threshold"], value.get("straight_line_off", math.inf) < SUM_MM
     return (
         f"{', '.join(parts)}; {value['size']:.4g} mm large (unit: {unit}); "
         f"{value['training_poses']:,.0f} training, {value['validation_poses']:,.0f} validation and "
@@ -172,6 +175,7 @@ def facts_in_words(findings: Sequence[Finding]) -> str:
             if threshold
             else "what moves which vertex is stated by the author"
         )
+        + ("; its controls only add shapes: a straight line is all of it (METHODS=linear)" if is_sum else "")
     )
 
 
