@@ -173,7 +173,7 @@ def test_c10_compares_the_cnn_with_dense_in_posed_faces(mm, degrees, expected):
     assert verdict("C10", rows("", mm, degrees)) == expected
     assert verdict("C10", rows("[rig]", mm, degrees)) == "not tested"
     single = [replace(row, sd=None, seeds=1) for row in rows("", mm, degrees)]
-    assert verdict("C10", single) == "undecided", "nothing is known of its spread"
+    assert verdict("C10", single) == "one run", "nothing is known of its spread"
     one = judge(claim_named("C10"), "teen", Evidence(rows("", mm, degrees) + rows("[rig]", 0.7, 3.0)), PAPER)
     assert (
         one.verdict == expected and "through the rig itself, which favour neither: distance: refined 0.7" in one.reason
@@ -209,7 +209,7 @@ def with_a_second_run(rows: list[Row], **changes: float) -> list[Row]:
 )
 def test_c8_wants_dense_to_be_faster_than_both_cnns_by_more_than_two_runs_differ(dense, expected):
     given = times_of(dense_fast=dense, coarse_fast=2.4, refined_fast=2.6)
-    assert verdict("C8", given) == "undecided", "the spread of a single run of times is not known"
+    assert verdict("C8", given) == "one run", "the spread of a single run of times is not known"
     given = with_a_second_run(given, dense=1.01, coarse=1.0, refined=1.0)
     assert verdict("C8", given) == expected and verdict("C9", given) == "not tested"
 
@@ -310,7 +310,7 @@ def test_c12_lets_rare_expressions_count_as_much_as_frequent_ones_where_it_can()
 
 def test_a_wide_interval_leaves_undecided_what_a_narrow_one_decides():
     given = {"normal": {"refined": 0.65}}
-    assert verdict("C3", mean_rows(**given)) == "undecided", "one seed"
+    assert verdict("C3", mean_rows(**given)) == "one run"
     assert verdict("C3", mean_rows(**given, sd=0.02)) == "holds"
     assert verdict("C3", mean_rows(**given, sd=0.2)) == "undecided"
     one = judge(claim_named("C3"), "teen", Evidence(mean_rows(**given, sd=0.2)), PAPER)
@@ -361,7 +361,7 @@ def test_verdicts_are_read_back_as_they_are_and_pivot(tmp_path):
     assert pivot.shape == (len(CLAIMS), 5) and pivot.loc["C2", "woman"] == "not tested"
     text = (tmp_path / "claims.csv").read_text().replace("not tested", "not sure")
     (tmp_path / "claims.csv").write_text(text)
-    words = "holds, direction only, undecided, fails, measured or not tested"
+    words = "holds, direction only, one run, undecided, fails, measured or not tested"
     with pytest.raises(InputError, match=rf"claims.csv, line \d+: verdict: expected {words}, got 'not sure'"):
         read_verdicts(tmp_path / "claims.csv")
 

@@ -38,8 +38,8 @@ def number(name: str, value: float, sd: float | None = None, seeds: int = 1, by_
         (0.11, 0.1, "fails"),
         (0.11, 0.12, "undecided"),
         (0.0, 0.0, "undecided"),
-        (-9.0, math.inf, "undecided"),
-        (9.0, math.inf, "undecided"),
+        (-9.0, math.inf, "one run"),
+        (9.0, math.inf, "one run"),
     ],
 )
 def test_an_interval_and_half_of_the_papers_effect_decide(log, half, expected):

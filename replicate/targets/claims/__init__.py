@@ -32,6 +32,7 @@ from replicate.targets.claims.rules import (
     RANKS,
     RECIPES,
     RULE,
+    ONE_RUN,
     UNDECIDED,
     Comparison,
     Effect,
@@ -278,12 +279,12 @@ def overview(file: Path) -> Table:
     return claims_table(read_verdicts(file), gather([file.parent]))
 
 
-SYMBOLS = {HOLDS: "✅", DIRECTION: "◔", UNDECIDED: "?", FAILS: "❌", NOT_TESTED: "–"}
+SYMBOLS = {HOLDS: "✅", DIRECTION: "◔", ONE_RUN: "1×", UNDECIDED: "?", FAILS: "❌", NOT_TESTED: "–"}
 PAGE_SYMBOLS = SYMBOLS | {HOLDS: "✔", FAILS: "✘"}  # any font has these, also on a machine without colour emojis
 MIXED = "◐"
 KINDS = (
-    "holds, {} direction only (less than half of the paper's effect), {} undecided (the interval includes 1, no "
-    "spread is known, or back ends disagree), {} fails"
+    "holds, {} direction only (less than half of the paper's effect), {} undecided (the interval includes 1, or back "
+    "ends disagree), {} one run, whose spread nothing tells, {} fails"
 )
 EFFECT = "Effect: the ratio of the two numbers that decide; below 1 is as claimed"
 NUMBERED = "①②③④"
@@ -303,7 +304,7 @@ def claims_in_brief(file: Path) -> Table:
         printed = (stand_ins(of_recipe(verdicts, recipe), claim.name) for recipe in readings)
         more = [" ".join(map(_symbol, each)) or "–" for each in printed]
         body.append((f"{claim.name} {claim.text}", *symbols, *more, *effects(verdicts, claim)))
-    text = KINDS.format(*(SYMBOLS[word] for word in (DIRECTION, UNDECIDED, FAILS)))
+    text = KINDS.format(*(SYMBOLS[word] for word in (DIRECTION, UNDECIDED, ONE_RUN, FAILS)))
     notes = (f"✅ {text}, a number: measured, without a verdict, – not tested; ‡ one run or two. {EFFECT}.",)
     header = ("", *STANDS_FOR, *_headings(readings), "effect here", "in the paper")
     return Table(
@@ -350,7 +351,7 @@ def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
         )
         for claim in CLAIMS
     )
-    text = KINDS.format(*(PAGE_SYMBOLS[word] for word in (DIRECTION, UNDECIDED, FAILS)))
+    text = KINDS.format(*(PAGE_SYMBOLS[word] for word in (DIRECTION, UNDECIDED, ONE_RUN, FAILS)))
     notes = (f"✔ {text}, ◐ it depends on the character; ‡ one run or two. {EFFECT}.", *_readings_note(readings))
     header = ("", "on our characters", *_headings(readings), "effect here", "in the paper")
     return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2 + len(readings))

@@ -283,16 +283,16 @@ def difference(effect: Effect) -> str:
 
 # From effects to a verdict. The weakest of several comparisons decides; of alternatives the best.
 
-HOLDS, DIRECTION, UNDECIDED, FAILS = "holds", "direction only", "undecided", "fails"
+HOLDS, DIRECTION, ONE_RUN, UNDECIDED, FAILS = "holds", "direction only", "one run", "undecided", "fails"
 MEASURED, NOT_TESTED = "measured", "not tested"
-RANKS = (FAILS, UNDECIDED, DIRECTION, HOLDS)  # the weakest first
-VERDICTS = (HOLDS, DIRECTION, UNDECIDED, FAILS, MEASURED, NOT_TESTED)
+RANKS = (FAILS, UNDECIDED, ONE_RUN, DIRECTION, HOLDS)  # the weakest first
+VERDICTS = (HOLDS, DIRECTION, ONE_RUN, UNDECIDED, FAILS, MEASURED, NOT_TESTED)
 RULE = (
     "An effect is the ratio of the two numbers that a claim compares, the one on top that it wants to be smaller. Its "
     "95 % interval is that of Student's t for the logarithm over the seeds, seed by seed where both numbers have the "
     "same seeds. One or two runs borrow the spread that the same comparison has on characters of the same profile with "
-    "three seeds or more, and times that of two runs of the timing; where nothing can be borrowed, a claim stays "
-    "undecided. Sizes and the paper's own numbers are taken as they are.",
+    "three seeds or more, and times that of two runs of the timing; where nothing can be borrowed, there is an "
+    "effect of one run and no verdict. Sizes and the paper's own numbers are taken as they are.",
     "An interval wholly above 1: the claim fails. One that includes 1: undecided. Wholly below 1: it holds if the "
     "effect is at least half of the paper's in the logarithm, else it has the direction only. The paper's effect is "
     "that of the character that ours stands for; where it has none in the claimed direction, the smallest of those "
@@ -341,7 +341,9 @@ class Judged:
 
 def verdict_of(effect: Effect, least: float) -> str:
     """Return the verdict on one comparison. least: ln r that it must reach to hold, 0 if the direction is enough."""
-    if math.isinf(effect.half) or abs(effect.log) <= effect.half:
+    if math.isinf(effect.half):
+        return ONE_RUN
+    if abs(effect.log) <= effect.half:
         return UNDECIDED
     if effect.log > 0:
         return FAILS
@@ -366,6 +368,7 @@ def decide_everywhere(way: Sequence[Judged]) -> tuple[str, Sequence[Judged], Jud
     deciding = [decide([each])[2] for each in places.values()]
     weakest, best = (choose(deciding, key=lambda judged: judged.rank) for choose in (min, max))
     agree = best.verdict == FAILS or RANKS.index(weakest.verdict) >= RANKS.index(DIRECTION)
+    agree = agree or {judged.verdict for judged in deciding} == {ONE_RUN}
     return weakest.verdict if agree else UNDECIDED, deciding, weakest
 
 
