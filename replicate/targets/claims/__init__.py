@@ -329,7 +329,7 @@ def _headings(readings: Sequence[Recipe]) -> list[str]:
 def _readings_note(readings: Sequence[Recipe]) -> list[str]:
     words = (f"{NUMBERED[PRINTED.index(recipe)]} {recipe.words.removeprefix('as printed, ')}" for recipe in readings)
     text = "; ".join(words)
-    return [f"As printed, in {len(readings)} readings of what the text leaves open: {text}."] if text else []
+    return [f"As printed, by what the text leaves open: {text}."] if text else []
 
 
 def _symbol(verdict: Verdict) -> str:
