@@ -284,7 +284,7 @@ PAGE_SYMBOLS = SYMBOLS | {HOLDS: "✔", FAILS: "✘"}  # any font has these, als
 MIXED = "◐"
 KINDS = (
     "holds, {} direction only (less than half of the paper's effect), {} undecided (the interval includes 1, or back "
-    "ends disagree), {} one run, whose spread nothing tells, {} fails"
+    "ends disagree), {} one run, whose spread nothing tells (and its effect), {} fails"
 )
 EFFECT = "Effect: the ratio of the two numbers that decide; below 1 is as claimed"
 NUMBERED = "①②③④"
@@ -311,7 +311,7 @@ def claims_in_brief(file: Path) -> Table:
         "The paper's claims on our characters",
         (header,),
         tuple(body),
-        (*notes, *_readings_note(readings)),
+        (*notes, *_readings_note(readings, verdicts)),
         text_columns=len(header),
     )
 
@@ -326,13 +326,18 @@ def _headings(readings: Sequence[Recipe]) -> list[str]:
     return [f"as printed {NUMBERED[PRINTED.index(recipe)]}" for recipe in readings]
 
 
-def _readings_note(readings: Sequence[Recipe]) -> list[str]:
-    words = (f"{NUMBERED[PRINTED.index(recipe)]} {recipe.words.removeprefix('as printed, ')}" for recipe in readings)
-    text = "; ".join(words)
-    return [f"As printed, by what the text leaves open: {text}."] if text else []
+def _readings_note(readings: Sequence[Recipe], verdicts: Sequence[Verdict]) -> list[str]:
+    words = []
+    for recipe in readings:
+        whose = dict.fromkeys(each.character for each in of_recipe(verdicts, recipe) if each.verdict != NOT_TESTED)
+        name = recipe.words.removeprefix("as printed, ")
+        words.append(f"{NUMBERED[PRINTED.index(recipe)]} {name}, on {', '.join(whose)}")
+    return [f"As printed, by what the text leaves open: {'; '.join(words)}."] if words else []
 
 
 def _symbol(verdict: Verdict) -> str:
+    if verdict.verdict == ONE_RUN:
+        return f"{SYMBOLS[ONE_RUN]} {verdict.effect:.2f}"
     return cell(verdict).replace(verdict.verdict, SYMBOLS.get(verdict.verdict, "")).replace(" ", "").replace("†", "")
 
 
@@ -352,7 +357,10 @@ def claims_at_a_glance(verdicts: Sequence[Verdict]) -> Table:
         for claim in CLAIMS
     )
     text = KINDS.format(*(PAGE_SYMBOLS[word] for word in (DIRECTION, UNDECIDED, ONE_RUN, FAILS)))
-    notes = (f"✔ {text}, ◐ it depends on the character; ‡ one run or two. {EFFECT}.", *_readings_note(readings))
+    notes = (
+        f"✔ {text}, ◐ it depends on the character; ‡ one run or two. {EFFECT}.",
+        *_readings_note(readings, verdicts),
+    )
     header = ("", "on our characters", *_headings(readings), "effect here", "in the paper")
     return Table("The paper's claims at a glance", (header,), body, notes, text_columns=2 + len(readings))
 
