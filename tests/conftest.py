@@ -218,6 +218,13 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+@pytest.fixture(autouse=True)
+def drafts(request, monkeypatch):
+    """Have pictures drawn with a quarter of the rays, but where drawing itself is tested: nobody sees them."""
+    if "drawing" not in request.path.parts:
+        monkeypatch.setattr("replicate.drawing.render.SUPERSAMPLING", 1)
+
+
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """The folder of an empty cache."""
