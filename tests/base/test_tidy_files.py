@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 import struct
 
 import numpy as np
@@ -40,6 +41,21 @@ def test_every_kind_of_cell_is_read_back_as_it_was_written(tmp_path):
     assert frame["error"].tolist() == [0.1 + 0.2, float(np.float32(0.1)), -5e-324]
     assert math.isnan(frame["loss"][0]) and frame["loss"].tolist()[1:] == [math.inf, 1e300]
     assert frame["poses"].tolist() == [3, pandas.NA, 7]
+
+
+def test_a_file_that_has_changed_is_read_anew_and_nobody_changes_what_others_read(tmp_path):
+    file = tmp_path / "t.csv"
+    write_csv(file, COLUMNS, [("a", "mm", 1.5, None, 3)])
+    frame = read(file)
+    frame.loc[0, "error"] = 7.0
+    assert read(file)["error"].tolist() == [1.5]
+    before = file.stat()
+    file.write_text(file.read_text().replace("1.5", "2.5"))  # in place, and as many bytes
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns + 1))
+    assert read(file)["error"].tolist() == [2.5]
+    file.unlink()
+    with pytest.raises(InputError, match="there is no such file"):
+        read(file)
 
 
 def test_numbers_of_all_sizes_are_read_back_to_the_last_bit(tmp_path):
