@@ -127,6 +127,7 @@ def test_a_glance_says_on_which_characters_in_the_fewest_words():
     assert words(**far, ict="holds") == "◐ holds on ict; fails on teen, woman, dragon, toon"
     assert words(teen="undecided", toon="direction only") == "◐ direction only on toon; undecided on teen"
     assert outcome([replace(whole, verdict="undecided", seeds=1)]) == "? undecided ‡"
+    assert outcome([replace(whole, verdict="one run", effect=2.02, seeds=1)]) == "1× one run: 2.02 ‡"
     assert words(teen="measured", toon="measured") == "measured"
 
 

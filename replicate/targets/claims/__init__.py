@@ -385,7 +385,8 @@ def outcome(verdicts: Sequence[Verdict]) -> str:
     single = " ‡" if all("‡" in cell(verdict) for verdict in tested) else ""
     if len(words) == 1:
         on = "" if len(tested) == len(verdicts) else f" on {', '.join(whose[words[0]])}"
-        return f"{PAGE_SYMBOLS.get(words[0], '')} {words[0]}{on}{single}".strip()
+        effect = f": {_range([verdict.effect for verdict in tested])}" if words == [ONE_RUN] else ""
+        return f"{PAGE_SYMBOLS.get(words[0], '')} {words[0]}{on}{effect}{single}".strip()
     parts = (f"{word} on {', '.join(whose[word])}" for word in words)
     return f"{MIXED} {'; '.join(parts)}{single}"
 
@@ -504,7 +505,7 @@ def _show_verdict(verdicts: Sequence[Verdict], name: str) -> None:
     for recipe in (BEST, *_printed(verdicts)):
         chosen = stand_ins(of_recipe(verdicts, recipe), name)
         if recipe == BEST or any(verdict.verdict != NOT_TESTED for verdict in chosen):
-            lead = "" if recipe == BEST else f"{recipe.words.capitalize()}: "
+            lead = "" if recipe == BEST else f"{recipe.words[0].upper()}{recipe.words[1:]}: "
             sizes = "" if claim.everywhere else effects_in_words(chosen)  # those have a table
             lines.append(f"{lead}**{outcome(chosen)}**. {sizes}".strip())
     lines[0] += f": {lines.pop(1)}{' The paper prints no number.' if theirs == '–' else ''}"
