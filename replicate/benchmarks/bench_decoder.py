@@ -37,7 +37,7 @@ from replicate.benchmarks.common import (
     selected,
     split_names,
 )
-from replicate.benchmarks.variants import COLUMNS, SIZE_PT, Variant, train_variants, variants_tables
+from replicate.benchmarks.variants import COLUMNS, SIZE_PT, Variant, floor_deg, train_variants, variants_tables
 from replicate.config import CoarseConfig, Config, resolve
 from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, tidy
 from replicate.engine.stage import Stage, StageContext
@@ -178,11 +178,11 @@ def train_few(context: StageContext) -> None:
     context.note(few_vertex_error=log[-1]["mm"], few_normal_error=log[-1]["degrees"])
     # what maps can hold, and what the convolutions can
     if isinstance(section, CoarseConfig):
-        context.note(few_floor=floor_deg(context, few, segments))
+        context.note(few_floor=floor_deg(mesh, few, segments, section.map_size))
     if settings.free:
         mm, degrees = fit_codes(context, model.to("cpu"), samples)
         context.note(fitted_vertex_error=mm, fitted_normal_error=degrees)
-        context.note(fitted_floor=floor_deg(context, samples, segments))
+        context.note(fitted_floor=floor_deg(mesh, samples, segments, section.map_size))
 
 
 def posed(
@@ -255,23 +255,6 @@ def fit_codes(
     scratch.mkdir(exist_ok=True)
     log = train(weights, loss_of_step, section.training, scratch, progress, "codes", lambda: validation(fitted.offsets))
     return log[-1]["mm"], log[-1]["degrees"]
-
-
-def floor_deg(
-    context: StageContext,
-    samples: "replicate.approximation.samples.SampleSet",
-    segments: "Sequence[replicate.approximation.segments.Segment]",
-) -> float:
-    """Return the mean normal error in degrees of the validation poses as well as maps can hold them (Eq. 2)."""
-    import torch
-
-    from replicate.approximation.deformation_map import Floor
-    from replicate.approximation.losses import Supervision
-    from replicate.approximation.segments import segment_vertices
-
-    floor, mesh = Floor(segments, context.config.section.map_size), artefacts.load_mesh(context.inputs)
-    supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, torch.device("cpu"))
-    return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
 
 
 def few_rows(trainings: Sequence[Few]) -> list[Row]:

@@ -29,7 +29,6 @@ from jaxtyping import Float
 
 from replicate.approximation.metrics import Errors
 from replicate.approximation.sampling import balance_bins
-from replicate.approximation.segments import segment_vertices
 from replicate.benchmarks.common import (
     add_count,
     add_only,
@@ -43,7 +42,7 @@ from replicate.benchmarks.common import (
     selected,
     split_names,
 )
-from replicate.benchmarks.variants import validation_errors
+from replicate.benchmarks.variants import floor_deg, validation_errors
 from replicate.config import Config, resolve
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
@@ -220,20 +219,6 @@ def stages_of(config: Config, variant: Variant) -> dict[str, Stage]:
     return {stage.name: stage for stage in in_order(wanted)}
 
 
-def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
-    """Return the projection floor's mean normal error in degrees on the validation poses, as the log measures it."""
-    from replicate.approximation.deformation_map import Floor
-    from replicate.approximation.losses import Supervision
-
-    inputs = folders_of(stages.values())
-    mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
-    segments = artefacts.load_coarse_segments(inputs, mesh)
-    squares = artefacts.load_squares(inputs) if refined else ()
-    floor = Floor(segments, config.coarse.map_size, squares, config.refinement.map_size)
-    supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, "cpu")
-    return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
-
-
 def has_clips(config: Config) -> bool:
     """Return whether a character's rig, which is built where it is missing, has an animation."""
     return artefacts.load_rig(artefacts_of(TABLE, config, [artefacts.rig_stage(Plan(config))])).clips is not None
@@ -370,7 +355,12 @@ def compare(character: str, options: argparse.Namespace) -> list[Row]:
         mm, degrees = validation_errors(artefact_folder(graph[variant.method].identifier))
         errors = {"validation_vertex_error": mm, "validation_normal_error": degrees}
         if variant.method in FLOORS:
-            errors["normal_error_over_floor"] = degrees / floor_deg(graph, config, variant.method == "refined")
+            inputs = folders_of(graph.values())
+            mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
+            segments = artefacts.load_coarse_segments(inputs, mesh)
+            squares = artefacts.load_squares(inputs) if variant.method == "refined" else ()
+            sizes = (config.coarse.map_size, squares, config.refinement.map_size)
+            errors["normal_error_over_floor"] = degrees / floor_deg(mesh, samples, segments, *sizes)
         for metric, value in errors.items():
             name, unit = f"{metric}[{variant.change}]", METRICS[metric][0]
             facts = (None, 1, config.samples.validation, config.profile, "bench-training")

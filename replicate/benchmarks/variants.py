@@ -13,6 +13,7 @@ from replicate.benchmarks.common import in_groups, make_stages, publish, selecte
 from replicate.config import Config
 from replicate.drawing.panels import DPI, MEASURES, WIDTH, Words, enlarge, tidy
 from replicate.engine.store import artefact_folder, read_manifest
+from replicate.geometry.mesh import Mesh
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import LOG
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     import matplotlib.axes
     import matplotlib.figure
 
+    import replicate.approximation.samples
 
 COLUMNS = {  # metric → unit, header
     "model_size": ("MB", "MB"),
@@ -95,6 +97,29 @@ def validation_errors(folder: Path) -> tuple[float, float]:
     """Return the validation errors (mm, degrees) of a finished training, from the last row of its log."""
     *_, (_, _, mm, degrees, *_) = read_log(folder / LOG)
     return mm, degrees
+
+
+def floor_deg(
+    mesh: Mesh,
+    samples: "replicate.approximation.samples.SampleSet",
+    segments: Sequence,
+    size: int,
+    refinement: Sequence = (),
+    refinement_size: int = 64,
+) -> float:
+    """Return the mean normal error in degrees of the validation poses as well as maps can hold them, as a log has it.
+
+    segments, size, refinement, refinement_size: as for `Floor`; `segments` are all that networks deform.
+    """
+    import torch
+
+    from replicate.approximation.deformation_map import Floor
+    from replicate.approximation.losses import Supervision
+    from replicate.approximation.segments import segment_vertices
+
+    floor = Floor(segments, size, refinement, refinement_size)
+    supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, torch.device("cpu"))
+    return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
 
 
 def variants_tables(rows: Sequence[Row], name: str, title: str, changes: Mapping[str, Sequence[str]]) -> list[Table]:

@@ -5,7 +5,7 @@ the paper's Table 4 answers that one.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,6 @@ import torch
 from jaxtyping import Float, Float32, Int
 
 from data_recipes.rig import Rig
-from replicate.approximation.metrics import Errors, evaluate
 from replicate.base.exceptions import InputError
 from replicate.inverse.control_points import ControlPoints
 
@@ -44,22 +43,6 @@ def outside_share(rig: Rig, posed: Posed, points: ControlPoints) -> float:
     driven = points.driven()
     values, slack = posed.params[:, driven], 1e-5 * (rig.upper - rig.lower)[driven]
     return float(((values < rig.lower[driven] - slack) | (values > rig.upper[driven] + slack)).mean())
-
-
-def approximation_errors(
-    rig: Rig, posed: Posed, predictors: Mapping[str, Callable], rigid: list[int], batch: int
-) -> dict[str, Errors]:
-    """Return each method's distance and normal errors (Eq. 11) against the rig, both at the same parameters.
-
-    A configuration that leads to the same parameters as another counts once.
-
-    rig: for its mesh
-    posed: what inverse kinematics made of the configurations
-    predictors: name → (params, true vertices) → vertices, rigid segments placed
-    rigid: indices of the rigid segments
-    batch: poses that are predicted at once
-    """
-    return evaluate(rig.mesh, posed.params, posed.vertices - rig.mesh.neutral, predictors, rigid, batch)
 
 
 # The true rig at its control points, as a function that torch differentiates; a closed rig allows none (§4).

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.rig import Rig
-from replicate.approximation.metrics import summary, unique_poses
+from replicate.approximation.metrics import Errors, evaluate, summary, unique_poses
 from replicate.base.exceptions import RunError
 from replicate.engine.stage import stream_rng
 from replicate.inverse import ik_stage
 from replicate.inverse.configurations import configurations, scripted_drags, targets_of
 from replicate.inverse.control_points import ControlPoints, InverseConfig, control_points
 from replicate.inverse.ik_network import parameter_ranges
-from replicate.inverse.posing import Posed, RigPoints, approximation_errors, outside_share, point_errors_mm, pose
+from replicate.inverse.posing import Posed, RigPoints, outside_share, point_errors_mm, pose
 from replicate.inverse.solver import agreement_by_region, jacobians, solve
 from replicate.methods import artefacts
 from replicate.methods.measurement import MeasurementSettings, predictor
@@ -123,14 +123,19 @@ def feeder(settings: PosingSettings, method: str) -> str:
     return method if settings.own_gradients and method in names else common
 
 
+def _errors(settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, posed: Posed) -> dict[str, Errors]:
+    """Return each method's errors against the rig, both at the parameters of `posed`; equal poses count once."""
+    rigid = artefacts.load_attachments(inputs).segment.tolist()
+    predictors = {entry.method: predictor(entry, inputs) for entry in settings.methods}
+    return evaluate(rig.mesh, posed.params, posed.vertices - rig.mesh.neutral, predictors, rigid, 32)
+
+
 def _approximations(
     settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, source: Source, posed: Posed, ending: str = ""
 ) -> list[Metric]:
     """Return every method's errors in the poses of a source's IK networks. ending: of the metrics' names."""
-    rigid = artefacts.load_attachments(inputs).segment.tolist()
-    predictors = {entry.method: predictor(entry, inputs) for entry in settings.methods}
     metrics = []
-    for method, errors in approximation_errors(rig, posed, predictors, rigid, 32).items():
+    for method, errors in _errors(settings, inputs, rig, posed).items():
         for kind, unit, tally in (("vertex", "mm", errors.vertex), ("normal", "deg", errors.normal)):
             mean, count = summary(tally).mean, len(errors.pose_mm)
             metrics.append((method, f"{kind}_error_mean{ending}[{source.name}]", unit, mean, count))
@@ -148,23 +153,21 @@ def _fresh(settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, point
     """
     drags = scripted_drags(points.names, stream_rng(0, "table4", "fresh"), FRESH)
     targets = targets_of(rig.mesh.neutral[points.vertices], points.names, drags)
-    rigid = artefacts.load_attachments(inputs).segment.tolist()
-    predictors = {entry.method: predictor(entry, inputs) for entry in settings.methods}
     sources = [source.name for source in settings.sources]
     errors: dict[tuple[str, str, str], np.ndarray] = {}  # method, kind, source → of each drag
     for source in settings.sources:
         posed = pose(rig, np.clip(_answers(settings, inputs, source, targets), rig.lower, rig.upper))
         of_drag = _first_alike(posed.params)
-        for method, found in approximation_errors(rig, posed, predictors, rigid, 32).items():
+        for method, found in _errors(settings, inputs, rig, posed).items():
             errors[method, "vertex", source.name] = found.pose_mm[of_drag]
             errors[method, "normal", source.name] = found.pose_deg[of_drag]
     metrics, shared = [], next((name for name in FED_BY if name in sources), sources[0])
     for way in dict.fromkeys((OWN, shared, ik_stage.RIG)):
         for kind, unit in (("vertex", "mm"), ("normal", "deg")):
             by_method = {
-                method: errors[method, kind, method if way == OWN else way]
-                for method in predictors
-                if way != OWN or method in sources
+                entry.method: errors[entry.method, kind, entry.method if way == OWN else way]
+                for entry in settings.methods
+                if way != OWN or entry.method in sources
             }
             name = f"{kind}_error_mean{FRESH_ENDING}[{way}]"
             metrics += [(method, name, unit, values.mean(), FRESH) for method, values in by_method.items()]
