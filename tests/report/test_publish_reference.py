@@ -130,6 +130,16 @@ def test_a_character_that_the_run_lacks_stays(folders):
     assert runs == {"teen": "0.5", "woman": "0.7"}
 
 
+def test_a_check_replaces_the_committed_one(folders):
+    run, _, reference_folder, _ = folders
+    reference_folder.mkdir()
+    manifest.write_entries(run, "check", {"tiny": CLEAN})
+    for folder, value in ((reference_folder, "1.0"), (run, "2.0")):
+        (folder / "check_tiny.csv").write_text(f"character,kind,name,metric\ntiny,face,size,{value}\n")
+    reference.publish_reference("laptop")
+    assert (reference_folder / "check_tiny.csv").read_text().endswith("tiny,face,size,2.0\n")
+
+
 def test_numbers_of_figures_go_with_the_poses_of_table_2(folders):
     run, _, reference_folder, _ = folders
     save_pose(pose_file(run, "teen"), bumpy_plate())

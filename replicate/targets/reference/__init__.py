@@ -33,6 +33,7 @@ from replicate.targets.reference.times import is_of_gpu, put_gpu_times, times_ca
 from replicate.targets.rig_report.shown import report_card
 from replicate.targets.table2.charts import redraw_charts
 from replicate.targets.table2.rows import (
+    CURVES,
     about_rows,
     other_rigs,
     standard_rows,
@@ -306,7 +307,7 @@ def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) 
             characters = {row.character for row in rows}
             merge(into, rows, lambda row: row.character not in characters or row.character in joining)
             return into
-        if columns[:1] == ["character"]:
+        if file.name == CURVES:
             curves = {key: curve for key, curve in read_curves(file).items() if key[0] not in stay}
             characters = {character for character, _ in curves}
             others = {key: curve for key, curve in read_curves(into).items() if key[0] not in characters}
