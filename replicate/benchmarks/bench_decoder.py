@@ -8,7 +8,8 @@
   Then the convolutions stay as they are, and numbers are fitted to validation poses: the decoder's floor, which dense
   layers can't go below with these convolutions.
 - *widths*: the numbers that make a map ("start") and the channels of convolutions, on all samples.
-- *steps*: the schedule once, twice, four and eight times as long, for the paper's networks, dense ones and ours.
+- *steps*: the schedule once, twice, four and eight times as long, for the paper's networks, dense ones and ours; for
+  wider networks once, twice and four times.
 
 Beside the first two stands the maps' floor (Eq. 2) on the same poses. Other errors are those of the validation poses,
 which are held out of the training animation; test poses are not used. Trainings are stages in the cache, so that a
@@ -65,7 +66,8 @@ BY_HEART = ((512, 16), (512, 32), (2_048, 16), (2_048, 32), (2_048, 48))  # star
 FREE = ((512, 16), (2_048, 16), (2_048, 32))
 STARTS, CHANNELS = (512, 1_024, 2_048), (16, 32, 48)
 DEEPER = "start 512, 16 channels, one more dense layer"
-TIMES = (1, 2, 4, 8)
+TIMES, TIMES_WIDE = (1, 2, 4, 8), (2, 4)
+WIDE = (2_048, 32)  # start and channels of what a chart calls wider
 STEPPED = ("coarse", "dense", "regional")
 MEASURED = 64  # of the few poses, spread over them: where a training is measured as it goes
 METRICS = {  # metric → unit, header
@@ -89,7 +91,7 @@ STROKES = {  # colour and dashes of a chart's lines
 CAPTION = (
     "Normal errors of {character}'s networks. Left: trained on a few poses alone, and measured on these very poses; "
     "with free codes each pose has numbers of its own in place of the dense layers. Right: trained on all samples, and "
-    "measured on validation poses. Wider: 2,048 numbers and 32 channels in place of 512 and 16."
+    "measured on validation poses; the floor is of these. Wider: 2,048 numbers and 32 channels in place of 512 and 16."
 )
 
 
@@ -290,6 +292,8 @@ def variants(character: str, profile: str, steps: int) -> list[Variant]:
         for channels in CHANNELS
     ]
     found.append(at("coarse", DEEPER, hidden=[*first, first[-1], STARTS[0]], channels=CHANNELS[0]))
+    start, channels = WIDE
+    found += [at("coarse", wide_words(k), k, hidden=[*first, start], channels=channels) for k in TIMES_WIDE]
     return found + [at(method, times_words(times), times) for method in STEPPED for times in TIMES]
 
 
@@ -298,7 +302,16 @@ def times_words(times: int) -> str:
     return f"steps × {times}"
 
 
-WIDTHS = (*(widths(start, channels) for start in STARTS for channels in CHANNELS), DEEPER)
+def wide_words(times: int) -> str:
+    """Return what a longer schedule of wider networks is called."""
+    return f"{widths(*WIDE)}, {times_words(times)}"
+
+
+WIDTHS = (
+    *(widths(start, channels) for start in STARTS for channels in CHANNELS),
+    DEEPER,
+    *map(wide_words, TIMES_WIDE),
+)
 CHANGES = {method: (*(WIDTHS if method == "coarse" else ()), *map(times_words, TIMES)) for method in STEPPED}
 
 
@@ -334,7 +347,7 @@ def decoder_chart(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figu
     from matplotlib.ticker import LogLocator, StrMethodFormatter
 
     values = {(r.method, r.metric): r.value for r in rows if r.table == TABLE and r.character == character}
-    narrow, wide = widths(STARTS[0], CHANNELS[0]), widths(STARTS[-1], CHANNELS[1])
+    narrow, wide = widths(STARTS[0], CHANNELS[0]), widths(*WIDE)
 
     def found(method: str, metric: str, changes: dict[int, str]) -> dict[int, float]:
         keys = {x: (method, f"{metric}[{change}]") for x, change in changes.items()}
@@ -353,19 +366,20 @@ def decoder_chart(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figu
     }
     longer = {
         "CNN": found("coarse", validation, steps),
-        WIDER: found("coarse", validation, {1: wide}),
+        WIDER: found("coarse", validation, {1: wide} | {k: wide_words(k) for k in TIMES_WIDE}),
         "Dense": found("dense", validation, steps),
         "Regional (ours)": found("regional", validation, steps),
     }
+    shown = sorted({k for line in longer.values() for k in line})
+    longer[FLOOR] = found("coarse", "fitted_floor", dict.fromkeys(shown, f"free codes, {narrow}"))
     # the chart
-    figure = Figure((WIDTH, 0.46 * WIDTH), dpi=DPI, layout="constrained")
+    figure = Figure((WIDTH, 0.54 * WIDTH), dpi=DPI, layout="constrained")
     axes_labels = ("training poses, learned by heart", "steps, as many times the short schedule")
     for axes, lines, words in zip(figure.subplots(1, 2), (by_heart, longer), axes_labels, strict=True):
         for name, line in lines.items():
             colour, dashes = STROKES[name]
             marker = {"marker": "o"} if name != WIDER else {"marker": "s", "markerfacecolor": "white"}
-            label = name if line else None
-            axes.plot([*line], [*line.values()], linestyle=dashes, color=colour, label=label, **marker)
+            axes.plot([*line], [*line.values()], linestyle=dashes, color=colour, label=name, **marker)
         axes.set_xscale("log")
         ticks = sorted({x for line in lines.values() for x in line})
         axes.set_xticks(ticks, [f"{x}" for x in ticks])
@@ -373,12 +387,14 @@ def decoder_chart(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figu
         axes.set_xlabel(words)
         tidy(axes)
         enlarge(axes, SIZE_PT)
-        if any(lines.values()):
-            axes.legend(frameon=False, fontsize=SIZE_PT - 2)
     figure.axes[0].set_yscale("log")
     figure.axes[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     figure.axes[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     figure.axes[1].set_ylim(bottom=0)
+    handles = {name: h for axes in figure.axes for h, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    there = [name for name in STROKES if by_heart.get(name) or longer.get(name)]
+    where = {"loc": "outside lower center", "ncols": 3}
+    figure.legend([handles[name] for name in there], there, frameon=False, fontsize=SIZE_PT - 2, **where)
     figure.axes[0].set_ylabel("normal error on these poses, degrees")
     figure.axes[1].set_ylabel("normal error on unseen poses, degrees")
     return figure, Words(_in_words(character, by_heart, longer), CAPTION.format(character=character))
