@@ -32,7 +32,7 @@ MAPS = CoarseConfig(map_size=16, channels=16, hidden=(128,), training=SCHEDULE)
 def test_every_training_has_a_name_of_its_own_and_its_widths():
     trainings = [*few_trainings("tiny", "laptop", 700), *variants("tiny", "laptop", 700)]
     names = [str(training) for training in trainings]
-    assert len(set(names)) == len(names) == 6 * 3 + 3 + 10 + 12
+    assert len(set(names)) == len(names) == 6 * 3 + 3 + 12 + 12
     for training in trainings:
         section = getattr(training.config, training.method)
         if "start" in training.change:
