@@ -37,7 +37,8 @@ from replicate.methods.measurement import vertices_of
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
 from replicate.methods.trained import TrainedPlan, entries, origin
-from replicate.report.publication import publish_files
+from replicate.report import manifest
+from replicate.report.publication import publish_files, results_folder
 
 VERTICES, SHAPES = "vertices", "shapes"  # what a model gives
 FORMS = (VERTICES, SHAPES)
@@ -77,11 +78,15 @@ def run(options: argparse.Namespace) -> None:
         options.methods = list(OF_SHAPES)
     form, stem = options.form, OUTPUT[options.form]
     results = make(options, lambda plan: stages(plan, written(options, plan), form), partial(plan_of, options))
+    earlier = manifest.entries(results_folder(options.profile), stem)
     folder, files = publish_files(stem, results)
     notes = {name: text for result in results for name, text in read_manifest(result.folder)["notes"]["files"].items()}
     for name in (name for names in files.values() for name in names):
         print(f"written to {paths.display_path(folder / name)}: {notes.get(name, 'see REPRODUCING')}")
     for character, names in files.items():
+        gone = [name for name in earlier.get(character, {}).get("files", ()) if name not in names]
+        if gone:
+            print(f"removed, being of an earlier call: {', '.join(gone)}; METHODS= with the methods of both writes all")
         every = usual if form == VERTICES else OF_SHAPES
         left_out = [method for method in every if f"{stem}_{character}_{method}.onnx" not in names]
         if left_out and _names_none(options):

@@ -227,6 +227,9 @@ def test_page_models_and_animation_come_from_an_empty_cache(shipped, tmp_path, c
     assert {"quick/poser_tiny.html", "quick/deploy_tiny.c", "quick/deploy_tiny_coarse.onnx"} <= files
     assert {"quick/deploy_tiny_regional.onnx", "capture/tiny_actor.glb"} <= files
     assert not [folder for folder in (tmp_path / "cache").glob("*") if folder.name.startswith("samples")]
+    assert cli.main(["deploy", *TINY, "--methods", "coarse"]) == 0
+    assert "removed, being of an earlier call: deploy_tiny.c, " in capsys.readouterr().out
+    assert not file.exists()
 
 
 def test_the_widget_opens_with_them_for_the_reference_results_and_says_so(shipped, monkeypatch, capsys):
