@@ -381,16 +381,15 @@ def decoder_chart(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figu
             marker = {"marker": "o"} if name != WIDER else {"marker": "s", "markerfacecolor": "white"}
             axes.plot([*line], [*line.values()], linestyle=dashes, color=colour, label=name, **marker)
         axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         ticks = sorted({x for line in lines.values() for x in line})
         axes.set_xticks(ticks, [f"{x}" for x in ticks])
         axes.minorticks_off()
         axes.set_xlabel(words)
         tidy(axes)
         enlarge(axes, SIZE_PT)
-    figure.axes[0].set_yscale("log")
-    figure.axes[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    figure.axes[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    figure.axes[1].set_ylim(bottom=0)
     handles = {name: h for axes in figure.axes for h, name in zip(*axes.get_legend_handles_labels(), strict=True)}
     there = [name for name in STROKES if by_heart.get(name) or longer.get(name)]
     where = {"loc": "outside lower center", "ncols": 3}
