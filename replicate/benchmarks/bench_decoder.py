@@ -381,10 +381,11 @@ def decoder_chart(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figu
             marker = {"marker": "o"} if name != WIDER else {"marker": "s", "markerfacecolor": "white"}
             axes.plot([*line], [*line.values()], linestyle=dashes, color=colour, label=name, **marker)
         axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         ticks = sorted({x for line in lines.values() for x in line})
+        if ticks:  # no axis without a number can be logarithmic
+            axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.set_xticks(ticks, [f"{x}" for x in ticks])
         axes.minorticks_off()
         axes.set_xlabel(words)

@@ -20,6 +20,7 @@ from replicate.benchmarks.bench_decoder import (
     variants,
 )
 from replicate.config import CoarseConfig, DenseConfig, TrainingConfig, resolve
+from replicate.drawing.panels import png
 from replicate.engine.stage import StageContext, stage_function
 from replicate.engine.store import artefact_folder
 from replicate.methods import artefacts
@@ -148,6 +149,9 @@ def test_the_chart_has_the_lines_that_are_there():
         {"CNN, wider": [0.92], "Dense": [1.0, 0.5]},
     ]
     assert "By heart: CNN 0.16° at 8, 0.9° at 64; Dense 0.01° at 64." in words.alt
+    figure, words = decoder_chart([row for row in rows if "validation" in row.metric], "toon")
+    assert png(figure, words), "an axis without a number has no logarithm"
+    assert [len([line for line in axes.lines if len(line.get_xdata())]) for axes in figure.axes] == [0, 2]
 
 
 def test_a_schedule_without_steps_is_refused(capsys):
