@@ -4,7 +4,6 @@ import json
 import os
 import sys
 import threading
-import time
 from contextlib import suppress
 
 import psutil
@@ -59,18 +58,21 @@ def test_a_stage_finds_loaded_what_an_earlier_one_has_imported_and_is_a_process_
 
 
 def test_a_killed_nursery_ends_the_run_with_a_sentence(cache, stages):
+    ended = threading.Event()
+
     def kill():
-        while True:
+        while not ended.wait(0.02):  # not once: the first may be an earlier test's nursery, whose last worker is ending
             with suppress(psutil.NoSuchProcess):  # a child that ends while it is looked at
                 for child in own_children():
                     if child.children():
                         child.kill()
-                        return
-            time.sleep(0.02)
 
     threading.Thread(target=kill, daemon=True).start()
-    with pytest.raises(RunError, match="stage sleep was killed by SIGKILL"):
-        run([stages[2]])
+    try:
+        with pytest.raises(RunError, match="stage sleep was killed by SIGKILL"):
+            run([stages[2]])
+    finally:
+        ended.set()
     assert not own_children()
 
 
