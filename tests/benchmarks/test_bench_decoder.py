@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import trimesh
 from small_artefacts import run_stage, write_artefacts
 from small_face import small_mesh
 
 from replicate.approximation import cnn
+from replicate.approximation.deformation_map import Floor
 from replicate.benchmarks import bench_decoder
 from replicate.benchmarks.bench_decoder import (
     CHANGES,
@@ -87,6 +89,20 @@ def test_codes_are_trained_with_the_convolutions_and_fitted_to_poses_that_these_
     moved = motion_mm(tmp_path)
     assert notes["few_vertex_error"] < 0.3 * moved and notes["fitted_vertex_error"] < 0.6 * moved
     assert notes["few_floor"] < notes["few_normal_error"] and notes["fitted_floor"] < notes["fitted_normal_error"]
+    assert notes["fitted_floor"] == pytest.approx(floor_of_normals_deg(tmp_path), rel=1e-3)
+
+
+def floor_of_normals_deg(folder) -> float:
+    """Return the angle between true normals, by another library, and those of the poses that maps hold best."""
+    mesh, samples = small_mesh(), artefacts.load_samples({"samples": folder / "samples"})
+    segments = artefacts.load_coarse_segments({name: folder / name for name in ("rig", "influence", "rigid")}, mesh)
+    offsets = np.asarray(samples.validation_offsets)
+    deforms = np.isin(mesh.faces, np.concatenate([segment.vertices for segment in segments])).all(axis=1)
+    angles = []
+    for true, held in zip(mesh.neutral + offsets, mesh.neutral + Floor(segments, MAPS.map_size)(offsets), strict=True):
+        normals = [trimesh.triangles.normals(posed[mesh.faces[deforms]])[0] for posed in (true, held)]
+        angles.append(np.degrees(np.arccos(np.clip((normals[0] * normals[1]).sum(axis=1), -1, 1))).mean())
+    return np.mean(angles)
 
 
 def test_a_stopped_fit_goes_on_where_it_was(tmp_path, monkeypatch):

@@ -5,12 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plain_rig import PlainRig
+from small_face import small_mesh
 
 from replicate.base.exceptions import RunError
 from replicate.base.paths import PAPER
 from replicate.config import resolve
 from replicate.engine.stage import in_order
 from replicate.inverse.control_points import default_section
+from replicate.inverse.posing import Posed
+from replicate.methods.measurement import MeasurementSettings
 from replicate.methods.method_registry import choose
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, read_results
@@ -116,6 +120,22 @@ def test_the_interval_is_that_of_the_mean_over_drags():
 def test_poses_that_are_alike_share_one_measurement():
     params = np.array([[2.0, 0], [1, 1], [2, 0], [0, 5]])
     assert _first_alike(params).tolist() == [0, 1, 0, 2]
+
+
+def test_methods_are_measured_against_the_rig_at_the_same_parameters(monkeypatch):
+    mesh = small_mesh()
+    posed = Posed(np.float32([[0, 1], [2, 1], [0, 1]]), mesh.neutral + np.float32([[[3]], [[5]], [[3]]]))
+
+    def predict(params, truth):
+        return mesh.neutral + np.float32([0, 0, 2]) + 1.5 * (params[:, :1, None] + 2)
+
+    monkeypatch.setattr(table4_rows, "predictor", lambda entry, inputs: predict)
+    dense, rig = MeasurementSettings("dense", "", "", None, False, True, 0, 32, 0), PlainRig()
+    rig.mesh = mesh
+    settings = PosingSettings("teen", "quick", 0, default_section("quick"), (dense,), (), False)
+    found = table4_rows._errors(settings, {}, rig, posed)["dense"]
+    np.testing.assert_allclose(found.pose_mm, [2, np.sqrt(1 + 1 + 9)], rtol=1e-4)
+    np.testing.assert_allclose(found.pose_deg, 0, atol=0.1)
 
 
 @pytest.mark.parametrize(

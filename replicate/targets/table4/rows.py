@@ -125,9 +125,8 @@ def feeder(settings: PosingSettings, method: str) -> str:
 
 def _errors(settings: PosingSettings, inputs: Mapping[str, Path], rig: Rig, posed: Posed) -> dict[str, Errors]:
     """Return each method's errors against the rig, both at the parameters of `posed`; equal poses count once."""
-    rigid = artefacts.load_attachments(inputs).segment.tolist()
     predictors = {entry.method: predictor(entry, inputs) for entry in settings.methods}
-    return evaluate(rig.mesh, posed.params, posed.vertices - rig.mesh.neutral, predictors, rigid, 32)
+    return evaluate(rig.mesh, posed.params, posed.vertices - rig.mesh.neutral, predictors)
 
 
 def _approximations(
